@@ -1,0 +1,21 @@
+#pragma once
+
+#include "calligraphy_brush/common/parameters.h"
+
+namespace calligraphy_brush {
+
+/// What the pose track accepts as the motion of a hand or a robot.
+struct MotionParameters {
+  double max_speed = 10.0;
+  double max_angular_speed = 200.0;
+
+  template <class Self, class Visit>
+  static void describe(Self& self, Visit& visit) {
+    visit("max_speed", self.max_speed, Range{1e-3, 1e6}, "m/s",
+          "A pose that asks the handle to move faster than this is refused; a fast hand reaches 3.");
+    visit("max_angular_speed", self.max_angular_speed, Range{1e-3, 1e6}, "rad/s",
+          "A pose that asks the handle to turn faster than this is refused; a fast hand reaches 30.");
+  }
+};
+
+}  // namespace calligraphy_brush

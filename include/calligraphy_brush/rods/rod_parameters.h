@@ -1,0 +1,46 @@
+#pragma once
+
+#include <string>
+
+#include "calligraphy_brush/common/parameters.h"
+
+namespace calligraphy_brush {
+
+/// The elastic rods and the solver of their time step.
+struct RodParameters {
+  double time_step = 0.001;
+  std::string scheme = "bdf2";
+  std::string precision = "float";
+  std::string bending_law = "tangent";
+  double damping = 20.0;
+  double gravity = 9.81;
+  double tolerance = 1e-6;
+  int max_iterations = 50;
+  int threads = 1;
+  std::string instruction_set = "best";
+
+  template <class Self, class Visit>
+  static void describe(Self& self, Visit& visit) {
+    visit("time_step", self.time_step, Range{1e-6, 0.1}, "s",
+          "Length of one time step, rounded to whole nanoseconds.");
+    visit("scheme", self.scheme, Choices{"backward_euler", "bdf2"}, "1",
+          "Time integration: backward Euler (first order, calms everything) or BDF2 (second order).");
+    visit("precision", self.precision, Choices{"float", "double"}, "1",
+          "Numbers in the solver; float is as accurate for steps of 0.5 ms and longer.");
+    visit("bending_law", self.bending_law, Choices{"tangent", "sine"}, "1",
+          "Discrete curvature of a turn by phi: 2 tan(phi/2) as published by Bergou 2008, or 2 sin(phi/2).");
+    visit("damping", self.damping, Range{0.0, 1e6}, "1/s",
+          "Viscous damping c of the force -c m v on a node of mass m; has no measured source.");
+    visit("gravity", self.gravity, Range{0.0, 1000.0}, "m/s^2", "Acceleration along -z of the paper.");
+    visit("tolerance", self.tolerance, Range{1e-15, 0.1}, "rad",
+          "Error of an edge's direction at which a step's Newton iteration ends.");
+    visit("max_iterations", self.max_iterations, Range{1, 10000}, "1",
+          "Newton iterations after which a step is taken as it is and reported as not converged.");
+    visit("threads", self.threads, Range{1, 256}, "1",
+          "Threads that solve rods; the result does not depend on it.");
+    visit("instruction_set", self.instruction_set, Choices{"best", "baseline", "avx2", "avx512"}, "1",
+          "Which kernel runs; best is the widest that the processor has.");
+  }
+};
+
+}  // namespace calligraphy_brush

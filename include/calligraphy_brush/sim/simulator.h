@@ -1,0 +1,105 @@
+#pragma once
+
+#include <Eigen/Geometry>
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "calligraphy_brush/brush/brush_model.h"
+#include "calligraphy_brush/motion/pose_track.h"
+#include "calligraphy_brush/paper/paper.h"
+#include "calligraphy_brush/sim/simulator_parameters.h"
+
+namespace calligraphy_brush {
+
+/// Stages of a time step, in their order.
+enum class Stage { kMoveRoots, kSolveRods, kTransferInk, kCount };
+
+/// "move_roots", "solve_rods", ...
+const char* toString(Stage stage);
+
+/// What the steps since construction or reset did.
+struct SimulatorReport {
+  std::int64_t step_count = 0;              ///< steps taken
+  std::int64_t rod_step_count = 0;          ///< rods × steps that were solved
+  std::int64_t iteration_count = 0;         ///< Newton iterations, summed over rods
+  std::int64_t unconverged_count = 0;       ///< rod-steps that ended at max_iterations
+  int touching_rods = 0;                    ///< rods on the sheet after the last step
+  int touching_nodes = 0;                   ///< nodes on the sheet after the last step
+  int last_iterations = 0;                  ///< most iterations of a rod in the last step
+  double max_penetration = 0.0;             ///< deepest node below the sheet in the last step [m]
+  double ink_in_tip = 0.0;                  ///< [m³]
+  double ink_capacity = 0.0;                ///< [m³]
+  std::array<double, static_cast<int>(Stage::kCount)> stage_seconds{};  ///< wall time, summed
+};
+
+/// Force and torque of the tuft on the handle, about the handle's origin, in the paper frame.
+struct HandleWrench {
+  Eigen::Vector3d force_P = Eigen::Vector3d::Zero();   ///< [N]
+  Eigen::Vector3d torque_P = Eigen::Vector3d::Zero();  ///< [N m]
+};
+
+/// A brush on a sheet, driven by handle poses. Knows no clock and no ROS: equal poses give equal
+/// bits, live or replayed, whatever the number of threads. Not thread-safe.
+class Simulator {
+ public:
+  /// Throws ParameterError naming every parameter out of range.
+  explicit Simulator(const SimulatorParameters& parameters);
+  /// A brush made elsewhere; parameters.brush is not read.
+  Simulator(const SimulatorParameters& parameters, BrushModel brush);
+  ~Simulator();
+  Simulator(Simulator&&) noexcept;
+  Simulator& operator=(Simulator&&) noexcept;
+
+  /// Takes the next pose of the handle or refuses it, and then changes nothing. The first one puts
+  /// the brush there, at rest and undeformed.
+  PoseVerdict addPose(const HandlePose& pose);
+
+  /// Runs whole time steps up to the newest pose. Returns how many.
+  int advance();
+
+  /// Fills the tip with ink, to ink/load of its capacity.
+  void dip();
+  /// Takes the ink from the tip.
+  void wipe();
+  /// Takes the ink from the sheet.
+  void clearPaper();
+  /// As after construction: clean sheet, dipped brush, no poses.
+  void reset();
+
+  const SimulatorParameters& parameters() const;
+  const BrushModel& brush() const;
+  const Paper& paper() const;
+  const SimulatorReport& report() const;
+
+  /// Time of the last step taken [ns], in the stamps of the poses; 0 before the first pose.
+  std::int64_t time_ns() const;
+  /// Pose of the handle at time_ns().
+  HandlePose handlePose() const;
+  /// Sum over rods, after the last step.
+  HandleWrench handleWrench() const;
+
+  int rodCount() const;
+  int nodeCount() const;
+  /// Position of a node in the paper frame [m].
+  Eigen::Vector3d nodePosition(int rod, int node) const;
+  /// Whether a node is on the sheet.
+  bool nodeTouches(int rod, int node) const;
+  /// Force of the sheet on a node [N].
+  Eigen::Vector3d nodeContactForce(int rod, int node) const;
+  /// Ink in a rod, as a part of its capacity, 0..1.
+  double rodInk(int rod) const;
+
+  /// Hash of the whole state: rods, ink, sheet. Equal states have equal hashes.
+  std::uint64_t stateHash() const;
+  /// Name of the kernel that runs: "avx512", "avx2" or "baseline".
+  std::string kernelName() const;
+
+ private:
+  struct Implementation;
+  std::unique_ptr<Implementation> implementation_;
+};
+
+}  // namespace calligraphy_brush
