@@ -8,6 +8,9 @@ namespace calligraphy_brush {
 struct ContactParameters {
   double paper_friction = 0.3;
   double stiffness = 5.0;
+  int multiplier_updates = 1;
+  double tolerance = 1e-9;
+  bool paper = true;
 
   template <class Self, class Visit>
   static void describe(Self& self, Visit& visit) {
@@ -15,6 +18,11 @@ struct ContactParameters {
           "Coulomb coefficient of hair on paper; 0.2 to 0.5 is usual, no measured source.");
     visit("stiffness", self.stiffness, Range{0.1, 1000.0}, "1",
           "Stiffness of the augmented Lagrangian over M/tau^2 + B/h^3 of a node; 3 to 10 works best.");
+    visit("multiplier_updates", self.multiplier_updates, Range{1, 10000}, "1",
+          "Most updates of the contact multipliers in a step; 1 is enough for writing.");
+    visit("tolerance", self.tolerance, Range{1e-15, 1e-3}, "m",
+          "Residual of a contact at which its multipliers are not updated again.");
+    visit("paper", self.paper, "Whether there is a sheet to touch.");
   }
 };
 

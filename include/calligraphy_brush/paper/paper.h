@@ -38,6 +38,9 @@ class Paper {
   /// Ink at a pixel, rows from below [m].
   float ink(int column, int row) const { return ink_[index(column, row)]; }
 
+  /// All of a row from below, width_px() values [m].
+  const float* row(int row) const { return &ink_[index(0, row)]; }
+
   /// Ink on the whole sheet [m³].
   double inkVolume() const;
 

@@ -1,0 +1,191 @@
+#pragma once
+
+#include <cstddef>
+#include <type_traits>
+
+#if defined(__SSE2__)
+#include <immintrin.h>
+#endif
+
+/// A small vocabulary for doing the same thing to several rods at once.
+///
+/// Lanes<Real, W> holds W numbers in one register; + − * / and comparisons work lane by lane, and
+/// a comparison gives a mask for select(). Every function here also takes a plain float or double,
+/// so a formula is written once and runs in a kernel or alone in a test.
+///
+/// Files that use wider registers than the rest of the package are compiled with their own
+/// instruction-set flags. Each uses its own W, so no two of them instantiate the same template,
+/// and everything is inlined: the linker can not mix them up.
+namespace calligraphy_brush {
+
+/// Rods that are stored side by side. A kernel of narrower registers takes several turns.
+constexpr int kLanes = 16;
+
+#define CALLIGRAPHY_INLINE inline __attribute__((always_inline))
+
+namespace lanes_detail {
+template <class Real, int Width>
+struct Vector {
+  typedef Real type __attribute__((vector_size(sizeof(Real) * Width)));
+};
+template <class Real>
+struct Vector<Real, 1> {
+  using type = Real;
+};
+template <class V>
+struct Traits {
+  using Real = std::decay_t<decltype(V{}[0])>;
+  static constexpr int width = static_cast<int>(sizeof(V) / sizeof(Real));
+};
+template <>
+struct Traits<float> {
+  using Real = float;
+  static constexpr int width = 1;
+};
+template <>
+struct Traits<double> {
+  using Real = double;
+  static constexpr int width = 1;
+};
+}  // namespace lanes_detail
+
+template <class Real, int Width>
+using Lanes = typename lanes_detail::Vector<Real, Width>::type;
+
+/// The number in a lane: float or double.
+template <class V>
+using RealOf = typename lanes_detail::Traits<V>::Real;
+
+/// How many numbers V holds.
+template <class V>
+constexpr int widthOf = lanes_detail::Traits<V>::width;
+
+/// What a comparison of two V gives.
+template <class V>
+using MaskOf = decltype(V{} < V{});
+
+template <class V>
+CALLIGRAPHY_INLINE V broadcast(RealOf<V> value) {
+  return V{} + value;
+}
+
+/// Reads or writes a V at an address that is a multiple of its size.
+template <class V>
+CALLIGRAPHY_INLINE V load(const RealOf<V>* address) {
+  V value;
+  __builtin_memcpy(&value, __builtin_assume_aligned(address, sizeof(V)), sizeof(V));
+  return value;
+}
+template <class V>
+CALLIGRAPHY_INLINE void store(RealOf<V>* address, V value) {
+  __builtin_memcpy(__builtin_assume_aligned(address, sizeof(V)), &value, sizeof(V));
+}
+
+/// a where the mask is set, else b.
+template <class Mask, class V>
+CALLIGRAPHY_INLINE V select(Mask mask, V a, V b) {
+  return mask ? a : b;
+}
+template <class V>
+CALLIGRAPHY_INLINE V min(V a, V b) {
+  return a < b ? a : b;
+}
+template <class V>
+CALLIGRAPHY_INLINE V max(V a, V b) {
+  return a > b ? a : b;
+}
+
+/// Whether any lane of a mask is set.
+template <class Mask>
+CALLIGRAPHY_INLINE bool any(Mask mask) {
+#if defined(__AVX512DQ__)
+  if constexpr (sizeof(Mask) == 64) return _mm512_movepi32_mask((__m512i)mask) != 0;
+#endif
+#if defined(__AVX2__)
+  if constexpr (sizeof(Mask) == 32) return _mm256_movemask_epi8((__m256i)mask) != 0;
+#endif
+#if defined(__SSE2__)
+  if constexpr (sizeof(Mask) == 16) return _mm_movemask_epi8((__m128i)mask) != 0;
+#endif
+  bool result = false;
+  for (std::size_t lane = 0; lane < sizeof(Mask) / sizeof(mask[0]); ++lane) result |= mask[lane] != 0;
+  return result;
+}
+CALLIGRAPHY_INLINE bool any(bool mask) { return mask; }
+
+CALLIGRAPHY_INLINE float sqrt(float x) { return __builtin_sqrtf(x); }
+CALLIGRAPHY_INLINE double sqrt(double x) { return __builtin_sqrt(x); }
+template <class V>
+CALLIGRAPHY_INLINE V sqrt(V x) {
+#if defined(__AVX512F__)
+  // Masked with all lanes: GCC 12 warns of its own unmasked form.
+  if constexpr (sizeof(V) == 64 && sizeof(x[0]) == 4)
+    return (V)_mm512_maskz_sqrt_ps(0xffff, (__m512)x);
+  if constexpr (sizeof(V) == 64 && sizeof(x[0]) == 8) return (V)_mm512_maskz_sqrt_pd(0xff, (__m512d)x);
+#endif
+#if defined(__AVX2__)
+  if constexpr (sizeof(V) == 32 && sizeof(x[0]) == 4) return (V)_mm256_sqrt_ps((__m256)x);
+  if constexpr (sizeof(V) == 32 && sizeof(x[0]) == 8) return (V)_mm256_sqrt_pd((__m256d)x);
+#endif
+#if defined(__SSE2__)
+  if constexpr (sizeof(V) == 16 && sizeof(x[0]) == 4) return (V)_mm_sqrt_ps((__m128)x);
+  if constexpr (sizeof(V) == 16 && sizeof(x[0]) == 8) return (V)_mm_sqrt_pd((__m128d)x);
+#endif
+  V result;
+  for (int lane = 0; lane < widthOf<V>; ++lane) result[lane] = sqrt(x[lane]);
+  return result;
+}
+
+/// Three numbers a lane.
+template <class V>
+struct Vec3 {
+  V x, y, z;
+
+  /// A vector field is stored component by component, kLanes numbers each.
+  static CALLIGRAPHY_INLINE Vec3 loadFrom(const RealOf<V>* address) {
+    return {load<V>(address), load<V>(address + kLanes), load<V>(address + 2 * kLanes)};
+  }
+  CALLIGRAPHY_INLINE void storeTo(RealOf<V>* address) const {
+    store<V>(address, x);
+    store<V>(address + kLanes, y);
+    store<V>(address + 2 * kLanes, z);
+  }
+
+  friend CALLIGRAPHY_INLINE Vec3 operator+(const Vec3& a, const Vec3& b) {
+    return {a.x + b.x, a.y + b.y, a.z + b.z};
+  }
+  friend CALLIGRAPHY_INLINE Vec3 operator-(const Vec3& a, const Vec3& b) {
+    return {a.x - b.x, a.y - b.y, a.z - b.z};
+  }
+  friend CALLIGRAPHY_INLINE Vec3 operator*(V s, const Vec3& a) { return {s * a.x, s * a.y, s * a.z}; }
+};
+
+template <class V>
+CALLIGRAPHY_INLINE V dot(const Vec3<V>& a, const Vec3<V>& b) {
+  return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+template <class V>
+CALLIGRAPHY_INLINE Vec3<V> cross(const Vec3<V>& a, const Vec3<V>& b) {
+  return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+}
+template <class V>
+CALLIGRAPHY_INLINE V squaredNorm(const Vec3<V>& a) {
+  return dot(a, a);
+}
+template <class Mask, class V>
+CALLIGRAPHY_INLINE Vec3<V> select(Mask mask, const Vec3<V>& a, const Vec3<V>& b) {
+  return {select(mask, a.x, b.x), select(mask, a.y, b.y), select(mask, a.z, b.z)};
+}
+
+/// Symmetric 3×3 matrix a lane.
+template <class V>
+struct Symmetric3 {
+  V xx, xy, xz, yy, yz, zz;
+
+  friend CALLIGRAPHY_INLINE Vec3<V> operator*(const Symmetric3& m, const Vec3<V>& v) {
+    return {m.xx * v.x + m.xy * v.y + m.xz * v.z, m.xy * v.x + m.yy * v.y + m.yz * v.z,
+            m.xz * v.x + m.yz * v.y + m.zz * v.z};
+  }
+};
+
+}  // namespace calligraphy_brush

@@ -1,0 +1,70 @@
+#pragma once
+
+#include "calligraphy_brush/brush/brush_model.h"
+#include "calligraphy_brush/common/aligned.h"
+#include "calligraphy_brush/common/lanes.h"
+
+/// kLanes rods with equally many nodes, side by side: lane k of every array is rod k of the batch.
+///
+/// Arrays are [node][lane] or [node][component][lane]. Lanes without a rod hold a copy of the last
+/// one, so that they are finite and finish when it does.
+namespace calligraphy_brush {
+
+/// What stays the same: constant after construction.
+template <class Real>
+struct RodBatchModel {
+  int node_count = 0;
+  int rod_count = 0;                  ///< lanes that hold a rod, 1 .. kLanes
+  AlignedVector<Real> edge_length;    ///< l [m], [lane]
+  AlignedVector<Real> spring;         ///< EI/(l̄ l²) of the joint at node 0 .. n − 2 [N/m], [node][lane]
+  AlignedVector<Real> mass;           ///< [kg], [node][lane]
+  AlignedVector<Real> stiffness;      ///< EI/l³ near the node: what holds it in place [N/m], [node][lane]
+};
+
+/// All that a snapshot of the rods needs.
+template <class Real>
+struct RodBatchState {
+  AlignedVector<Real> edge;               ///< x_{i+1} − x_i, of length l [m], [edge][3][lane]
+  AlignedVector<Real> position;           ///< x_i in the paper frame [m], [node][3][lane]
+  AlignedVector<Real> displacement;       ///< x_i − its value a step before [m], [node][3][lane]
+  AlignedVector<Real> velocity;           ///< [m/s], [node][3][lane]
+  AlignedVector<Real> previous_velocity;  ///< velocity a step before [m/s], [node][3][lane]
+};
+
+/// What the handle asks of the clamps in a step, [component][lane].
+template <class Real>
+struct RodBatchRoots {
+  AlignedVector<Real> position;      ///< node 0 at the end of the step [m]
+  AlignedVector<Real> displacement;  ///< way of node 0 in the step [m]; finer than position can tell
+  AlignedVector<Real> clamp;         ///< clamp direction times l [m]
+};
+
+/// Scratch of the solver; its content means nothing between steps.
+template <class Real>
+struct RodBatchWorkspace {
+  AlignedVector<Real> target;      ///< where inertia alone would take a node [m], [node][3][lane]
+  AlignedVector<Real> gradient;    ///< of the step's potential by node position [N], [node][3][lane]
+  AlignedVector<Real> trial_edge;  ///< the shape so far, [edge][3][lane]
+  AlignedVector<Real> next_edge;   ///< the shape after an update, [edge][3][lane]
+  AlignedVector<Real> update;      ///< Newton update in the tangent plane [m], [edge][2][lane]
+  AlignedVector<Real> factor;      ///< basis and gains of the Riccati sweep, [edge][18][lane]
+};
+
+/// Rods first .. first + kLanes − 1 of a brush (fewer at its end). All have equally many nodes.
+template <class Real>
+RodBatchModel<Real> makeRodBatchModel(const std::vector<RodModel>& rods, int first);
+
+/// Sizes every array for a model, with zeros.
+template <class Real>
+RodBatchState<Real> makeRodBatchState(const RodBatchModel<Real>& model);
+template <class Real>
+RodBatchRoots<Real> makeRodBatchRoots();
+template <class Real>
+RodBatchWorkspace<Real> makeRodBatchWorkspace(int node_count);
+
+/// Puts the rods, straight and at rest, onto the clamps.
+template <class Real>
+void placeAtRest(const RodBatchModel<Real>& model, const RodBatchRoots<Real>& roots,
+                 RodBatchState<Real>& state);
+
+}  // namespace calligraphy_brush

@@ -1,0 +1,469 @@
+#pragma once
+
+#include <limits>
+
+#include "calligraphy_brush/common/lanes.h"
+#include "calligraphy_brush/rods/bending_law.h"
+#include "calligraphy_brush/rods/rod_batch.h"
+#include "calligraphy_brush/rods/time_integration.h"
+
+namespace calligraphy_brush {
+
+/// How hard a step is solved.
+struct SolverSettings {
+  double tolerance;            ///< error of an edge's direction [rad] at which a rod is done
+  int max_iterations;          ///< Newton iterations of a rod in a step
+  double contact_tolerance;    ///< residual of a contact [m] at which its multipliers are done
+  int max_multiplier_updates;  ///< solves with better multipliers in a step; 1: once
+};
+
+/// What a solve did, over the rods of a batch.
+struct SolveReport {
+  int iterations = 0;         ///< summed over rods
+  int most_iterations = 0;    ///< of one rod
+  int unconverged = 0;        ///< rods that ended at max_iterations
+  bool refused = false;       ///< NoPotential's floor was crossed; the state is as it was
+};
+
+/// A potential that sees single nodes, such as the sheet, has kPresent = true and
+///
+///   void beginPass();                               before the nodes of a rod are visited
+///   V add(int node, const Vec3<V>& way, Vec3<V>& gradient);
+///       its energy [J] where the node has moved by `way` since the step began; adds its gradient
+///       [N] and remembers what addHessian needs
+///   void addHessian(int node, Symmetric3<V>& hessian);   [N/m]
+///   MaskOf<V> pieceChanged();    whether the last pass over the nodes was on another piece of the
+///                                potential (touching or not, sticking or sliding) than the one before
+///   MaskOf<V> update(double tolerance, MaskOf<V> lanes);   better multipliers after a solve; the
+///                                lanes whose residual was above `tolerance` [m]
+///   void finish();                                  the step has ended
+///
+/// NoPotential is the absence of one, for rods above `floor` [m]. A step that would take a node
+/// below it is not taken at all, so that leaving out what is there never changes a result.
+struct NoPotential {
+  static constexpr bool kPresent = false;
+  double floor;
+};
+
+/// Implicit time step of straight, isotropic, free-tipped, inextensible rods, one a lane.
+///
+/// Minimises over all shapes of the rod that its edges of fixed length can take
+///
+///   Φ = Σ_i ½ w_i |d_i − target_i|² + Σ_j k_j f(|t_j − t_{j−1}|²) + Σ_i potential_i
+///
+/// (d: way of a node in the step; k: joint stiffness; f: BendingLaw; t₋₁: the clamp direction) by
+/// Newton's method with an energy line search. Unknowns are two numbers u an edge e, in the plane
+/// perpendicular to it: e ← l (e + P u)/|e + P u|, so the length is kept to rounding. The Newton
+/// system is dense, since an edge moves all nodes beyond it, but has the structure of a linear
+/// quadratic control problem: with the state (δx of the edge's first node, u of the edge before)
+/// the cost to go is a quadratic form of five variables, and a Riccati sweep from tip to root with
+/// 2×2 pivots solves it in O(n). A pivot that is not positive means that Φ is not convex there;
+/// those lanes repeat the sweep with a positive definite majorant.
+///
+/// Twist is at rest in such a rod, and so is not computed (Bergou et al. 2008, section 5).
+template <class V, class BendingLaw, class Potential>
+class RodKernel {
+ public:
+  using Real = RealOf<V>;
+  using Mask = MaskOf<V>;
+  using Vector = Vec3<V>;
+  static constexpr int kWidth = widthOf<V>;
+
+  /// Solves lanes `lane` .. lane + kWidth − 1 and moves their state to the end of the step.
+  /// `wrench`, if not null, receives [force x y z, torque x y z about `pivot`][lane] that each rod
+  /// puts on its clamp [N, N m].
+  static SolveReport solve(const RodBatchModel<Real>& model, const RodBatchRoots<Real>& roots,
+                           const StepCoefficients& step, double gravity, const SolverSettings& settings,
+                           int lane, Potential& potential, RodBatchWorkspace<Real>& workspace,
+                           RodBatchState<Real>& state, const double* pivot, Real* wrench) {
+    RodKernel kernel(model, roots, step, gravity, lane, potential, workspace, state);
+    return kernel.run(settings, pivot, wrench);
+  }
+
+ private:
+  RodKernel(const RodBatchModel<Real>& model, const RodBatchRoots<Real>& roots,
+            const StepCoefficients& step, double gravity, int lane, Potential& potential,
+            RodBatchWorkspace<Real>& workspace, RodBatchState<Real>& state)
+      : n_(model.node_count),
+        rods_here_(model.rod_count - lane),
+        spring_(model.spring.data() + lane),
+        mass_(model.mass.data() + lane),
+        edge_(state.edge.data() + lane),
+        position_(state.position.data() + lane),
+        displacement_(state.displacement.data() + lane),
+        velocity_(state.velocity.data() + lane),
+        previous_velocity_(state.previous_velocity.data() + lane),
+        target_(workspace.target.data() + lane),
+        gradient_(workspace.gradient.data() + lane),
+        trial_(workspace.trial_edge.data() + lane),
+        next_(workspace.next_edge.data() + lane),
+        update_(workspace.update.data() + lane),
+        factor_(workspace.factor.data() + lane),
+        step_(step),
+        gravity_(gravity),
+        potential_(potential),
+        length_(load<V>(model.edge_length.data() + lane)),
+        inverse_length_(real(1) / length_),
+        inverse_length_squared_(inverse_length_ * inverse_length_),
+        root_position_(Vector::loadFrom(roots.position.data() + lane)),
+        root_displacement_(Vector::loadFrom(roots.displacement.data() + lane)),
+        clamp_(Vector::loadFrom(roots.clamp.data() + lane)) {}
+
+  static CALLIGRAPHY_INLINE V real(double value) { return broadcast<V>(static_cast<Real>(value)); }
+  static constexpr int kVector = 3 * kLanes;  // distance of two nodes in a vector field
+  static constexpr int kFactor = 18 * kLanes;
+
+  SolveReport run(const SolverSettings& settings, const double* pivot, Real* wrench) {
+    SolveReport report;
+    predict();
+    const V one = real(1);
+    const Mask nobody = V{} > one;
+    V iterations{};
+    Mask wanted = !nobody, converged = nobody;
+    for (int round = 0; round < settings.max_multiplier_updates; ++round) {
+      converged = select(wanted, newton(settings, wanted, iterations), converged);
+      if constexpr (!Potential::kPresent) {
+        break;
+      } else {
+        wanted = wanted & potential_.update(settings.contact_tolerance, wanted);
+        // The last solve stands, with the forces that it felt.
+        if (!any(wanted) || round + 1 == settings.max_multiplier_updates) break;
+        evaluate();
+      }
+    }
+    if constexpr (!Potential::kPresent) {
+      report.refused = any(lowestHeight() < real(potential_.floor));
+      if (report.refused) return report;
+    }
+    finish(pivot, wrench);
+
+    alignas(64) Real counts[kWidth];
+    alignas(64) Real done[kWidth];
+    store<V>(counts, iterations);
+    store<V>(done, select(converged, one, V{}));
+    for (int k = 0; k < kWidth && k < rods_here_; ++k) {
+      const int count = static_cast<int>(counts[k]);
+      report.iterations += count;
+      report.most_iterations = count > report.most_iterations ? count : report.most_iterations;
+      report.unconverged += done[k] == Real(0);
+    }
+    return report;
+  }
+
+  /// Fills target_, and guesses the shape at the end of the step: edges go on turning as they did.
+  void predict() {
+    const V k_displacement = real(step_.displacement), k_velocity = real(step_.velocity),
+            k_previous = real(step_.previous_velocity), fall = real(-step_.gravity * gravity_);
+    Vector before{};
+    for (int node = 0; node < n_; ++node) {
+      const Vector d = Vector::loadFrom(displacement_ + node * kVector);
+      const Vector v = Vector::loadFrom(velocity_ + node * kVector);
+      const Vector v_previous = Vector::loadFrom(previous_velocity_ + node * kVector);
+      Vector y = k_displacement * d + k_velocity * v + k_previous * v_previous;
+      y.z = y.z + fall;
+      y.storeTo(target_ + node * kVector);
+      if (node > 0) {
+        const Vector turn = d - before;
+        // A guess for a smooth motion; after a jump the old shape is better.
+        const Mask smooth = squaredNorm(turn) < real(0.04) * length_ * length_;
+        const Vector e = Vector::loadFrom(edge_ + (node - 1) * kVector);
+        const Vector guess = e + turn;
+        const V scale = length_ / sqrt(squaredNorm(guess));
+        select(smooth, scale * guess, e).storeTo(trial_ + (node - 1) * kVector);
+      }
+      before = d;
+    }
+    evaluate();
+  }
+
+  /// Φ and its gradient by node positions, at trial_.
+  void evaluate() {
+    walk([this](int i) { return Vector::loadFrom(trial_ + i * kVector); });
+  }
+
+  /// Φ and its gradient along the rod whose edges are edge(0), edge(1), ...
+  template <class Edge>
+  CALLIGRAPHY_INLINE void walk(Edge&& edge) {
+    const V weight = real(step_.inertia), half = real(0.5);
+    V bending{}, inertia{}, contact{};
+    Vector before = clamp_, way = root_displacement_;
+    if constexpr (Potential::kPresent) potential_.beginPass();
+    for (int i = 0; i < n_ - 1; ++i) {
+      const Vector e = edge(i);
+      const V s = squaredNorm(e - before) * inverse_length_squared_;
+      bending = bending + load<V>(spring_ + i * kLanes) * BendingLaw::evaluate(s).value;
+      way = way + (e - Vector::loadFrom(edge_ + i * kVector));
+      const Vector off = way - Vector::loadFrom(target_ + (i + 1) * kVector);
+      const V w = weight * load<V>(mass_ + (i + 1) * kLanes);
+      Vector gradient = w * off;
+      inertia = inertia + half * w * squaredNorm(off);
+      if constexpr (Potential::kPresent) contact = contact + potential_.add(i + 1, way, gradient);
+      gradient.storeTo(gradient_ + (i + 1) * kVector);
+      before = e;
+    }
+    energy_ = bending * length_ * length_ + inertia + contact;
+  }
+
+  /// Newton's method from trial_, whose energy and gradient are known, in the lanes `active`. Adds
+  /// to `iterations`. Returns the lanes that converged.
+  Mask newton(const SolverSettings& settings, Mask active, V& iterations) {
+    // Newton's error after an update of size u is of the order of u²; below a few roundings of a
+    // direction no update can be told from noise.
+    const double rounding = 32.0 * static_cast<double>(std::numeric_limits<Real>::epsilon());
+    const double least = rounding * rounding;
+    const V tolerance = real(settings.tolerance > least ? settings.tolerance : least);
+    const V zero{}, one = real(1);
+    Mask converged = zero > one;
+    for (int iteration = 0; iteration < settings.max_iterations; ++iteration) {
+      iterations = iterations + select(active, one, zero);
+      V decrement{};
+      const Mask failed = sweep(zero > one, decrement);
+      if (any(failed & active)) sweep(failed, decrement);
+
+      const V energy_before = energy_;
+      V scale = select(active, one, zero);
+      const V largest = solveForUpdate(scale);
+      // Where the update is tiny the energies differ by rounding only, and Newton is right.
+      const V slack = real(64) * broadcast<V>(std::numeric_limits<Real>::epsilon()) * energy_before;
+      const auto isUphill = [&] {
+        return !(energy_ <= energy_before + slack - real(1e-4) * scale * decrement);
+      };
+      Mask uphill = active & !(largest <= real(1e-3)) & isUphill();
+      const Mask shortened = uphill;
+      for (int halving = 0; any(uphill); ++halving) {
+        // No way down at all: the lane keeps its shape, and says that it did not converge.
+        scale = select(uphill, halving < 30 ? scale * real(0.5) : zero, scale);
+        retryUpdate(scale);
+        uphill = uphill & (scale > zero) & isUphill();
+      }
+      Real* const accepted = next_;
+      next_ = trial_;
+      trial_ = accepted;
+
+      Mask done = (largest * largest < tolerance) & !shortened;
+      if constexpr (Potential::kPresent) done = done & !potential_.pieceChanged();
+      converged = converged | (active & done);
+      active = active & !done & (scale > zero);
+      if (!any(active)) break;
+    }
+    return converged;
+  }
+
+  /// Unit vectors that span the plane perpendicular to unit t.
+  /// Source: Duff et al. 2017, Building an Orthonormal Basis, Revisited, listing 3.
+  static CALLIGRAPHY_INLINE void basis(const Vector& t, Vector& p0, Vector& p1) {
+    const V sign = select(t.z < V{}, real(-1), real(1));
+    const V a = real(-1) / (sign + t.z);
+    const V xa = t.x * a;
+    const V b = xa * t.y;
+    p0 = {real(1) + sign * t.x * xa, sign * b, -sign * t.x};
+    p1 = {b, sign + t.y * t.y * a, -t.y};
+  }
+
+  /// Riccati sweep from tip to root: gains of every edge into factor_, and gᵀH⁻¹g into `decrement`.
+  /// Lanes of `positive` use the positive definite majorant. Returns the lanes with a bad pivot.
+  CALLIGRAPHY_INLINE Mask sweep(Mask positive, V& decrement) {
+    const V weight = real(step_.inertia), zero{}, one = real(1), two = real(2), half = real(0.5);
+    const Real epsilon = std::numeric_limits<Real>::epsilon();
+    const V least_pivot = real(8) * broadcast<V>(epsilon);
+    Mask failed = zero > one;
+    V spent{};
+
+    // Cost to go from the far end of an edge, ½(δx,u)ᵀ[[S,R],[Rᵀ,Q]](δx,u) + p·δx + q·u.
+    Symmetric3<V> S{};
+    Vector R0{}, R1{}, p{};
+    V Q00{}, Q01{}, Q11{}, q0{}, q1{};
+    Vector force{};  // gradient of Φ by a shift of all nodes beyond the edge
+    const auto addNode = [&](int node) {
+      const V w = weight * load<V>(mass_ + node * kLanes);
+      S.xx = S.xx + w;
+      S.yy = S.yy + w;
+      S.zz = S.zz + w;
+      if constexpr (Potential::kPresent) potential_.addHessian(node, S);
+      const Vector gradient = Vector::loadFrom(gradient_ + node * kVector);
+      p = p + gradient;
+      force = force + gradient;
+    };
+    addNode(n_ - 1);
+
+    Vector e = Vector::loadFrom(trial_ + (n_ - 2) * kVector);
+    Vector P0, P1;
+    basis(inverse_length_ * e, P0, P1);
+    for (int i = n_ - 2; i >= 0; --i) {
+      const Vector before = i > 0 ? Vector::loadFrom(trial_ + (i - 1) * kVector) : clamp_;
+
+      // The joint between `before` and e.
+      const V s = squaredNorm(e - before) * inverse_length_squared_;
+      const BendingTerms<V> law = BendingLaw::evaluate(s);
+      const V k = load<V>(spring_ + i * kLanes);
+      const V A = two * k * law.first;
+      const V B = real(4) * k * law.second * inverse_length_squared_;
+      const V curvature = A * select(positive, one, one - half * s);
+      const V a0 = dot(P0, before), a1 = dot(P1, before);
+
+      // Turning e shortens the way of everything beyond it.
+      V geometric = -dot(e, force) * inverse_length_squared_;
+      geometric = select(positive & (geometric < zero), zero, geometric);
+      const V diagonal = curvature + geometric;
+
+      const Vector W0 = S * P0 + R0, W1 = S * P1 + R1;
+      const V H00 = dot(P0, W0 + R0) + Q00 + diagonal + B * a0 * a0;
+      const V H01 = dot(P0, W1) + dot(R0, P1) + Q01 + B * a0 * a1;
+      const V H11 = dot(P1, W1 + R1) + Q11 + diagonal + B * a1 * a1;
+      const V g0 = dot(P0, p) + q0 - A * a0, g1 = dot(P1, p) + q1 - A * a1;
+      const V determinant = H00 * H11 - H01 * H01;
+      const Mask good = (H00 > zero) & (determinant > least_pivot * (H00 * H11));
+      failed = failed | !good;
+      const V inverse = select(good, one / determinant, zero);
+      const V I00 = H11 * inverse, I01 = -H01 * inverse, I11 = H00 * inverse;
+
+      const V k0 = I00 * g0 + I01 * g1, k1 = I01 * g0 + I11 * g1;
+      spent = spent + g0 * k0 + g1 * k1;
+      const Vector X0 = I00 * W0 + I01 * W1, X1 = I01 * W0 + I11 * W1;
+      Real* out = factor_ + i * kFactor;
+      P0.storeTo(out);
+      P1.storeTo(out + 3 * kLanes);
+      X0.storeTo(out + 6 * kLanes);
+      X1.storeTo(out + 9 * kLanes);
+      store<V>(out + 12 * kLanes, k0);
+      store<V>(out + 13 * kLanes, k1);
+      if (i == 0) break;
+
+      Vector N0, N1;
+      basis(inverse_length_ * before, N0, N1);
+      const V b0 = dot(N0, e), b1 = dot(N1, e);
+      const V C00 = B * a0 * b0 - A * dot(P0, N0), C01 = B * a0 * b1 - A * dot(P0, N1);
+      const V C10 = B * a1 * b0 - A * dot(P1, N0), C11 = B * a1 * b1 - A * dot(P1, N1);
+      const V U00 = I00 * C00 + I01 * C10, U01 = I00 * C01 + I01 * C11;
+      const V U10 = I01 * C00 + I11 * C10, U11 = I01 * C01 + I11 * C11;
+      store<V>(out + 14 * kLanes, U00);
+      store<V>(out + 15 * kLanes, U01);
+      store<V>(out + 16 * kLanes, U10);
+      store<V>(out + 17 * kLanes, U11);
+
+      S.xx = S.xx - (W0.x * X0.x + W1.x * X1.x);
+      S.xy = S.xy - (W0.x * X0.y + W1.x * X1.y);
+      S.xz = S.xz - (W0.x * X0.z + W1.x * X1.z);
+      S.yy = S.yy - (W0.y * X0.y + W1.y * X1.y);
+      S.yz = S.yz - (W0.y * X0.z + W1.y * X1.z);
+      S.zz = S.zz - (W0.z * X0.z + W1.z * X1.z);
+      p = p - (k0 * W0 + k1 * W1);
+      R0 = (-U00) * W0 - U10 * W1;
+      R1 = (-U01) * W0 - U11 * W1;
+      Q00 = curvature + B * b0 * b0 - (C00 * U00 + C10 * U10);
+      Q01 = B * b0 * b1 - (C00 * U01 + C10 * U11);
+      Q11 = curvature + B * b1 * b1 - (C01 * U01 + C11 * U11);
+      q0 = -A * b0 - (C00 * k0 + C10 * k1);
+      q1 = -A * b1 - (C01 * k0 + C11 * k1);
+      addNode(i);
+      e = before;
+      P0 = N0;
+      P1 = N1;
+    }
+    decrement = spent;
+    return failed;
+  }
+
+  /// Edge i of trial_ after a turn by (u0, u1) · scale; the edge itself, to the bit, where scale is 0.
+  CALLIGRAPHY_INLINE Vector turned(int i, V u0, V u1, V scale) const {
+    const Real* in = factor_ + i * kFactor;
+    const Vector e = Vector::loadFrom(trial_ + i * kVector);
+    const Vector moved =
+        e + ((scale * u0) * Vector::loadFrom(in) + (scale * u1) * Vector::loadFrom(in + 3 * kLanes));
+    const V stretch = length_ / sqrt(squaredNorm(moved));
+    const Vector result = select(scale == V{}, e, stretch * moved);
+    result.storeTo(next_ + i * kVector);
+    return result;
+  }
+
+  /// Root to tip: the Newton update into update_, and the edges after it, times scale, into next_.
+  /// Returns the largest turn of an edge [rad].
+  CALLIGRAPHY_INLINE V solveForUpdate(V scale) {
+    Vector shift{};
+    V u0{}, u1{}, largest_squared{};
+    walk([&](int i) {
+      const Real* in = factor_ + i * kFactor;
+      const Vector X0 = Vector::loadFrom(in + 6 * kLanes), X1 = Vector::loadFrom(in + 9 * kLanes);
+      V v0 = -load<V>(in + 12 * kLanes) - dot(X0, shift);
+      V v1 = -load<V>(in + 13 * kLanes) - dot(X1, shift);
+      if (i > 0) {
+        v0 = v0 - load<V>(in + 14 * kLanes) * u0 - load<V>(in + 15 * kLanes) * u1;
+        v1 = v1 - load<V>(in + 16 * kLanes) * u0 - load<V>(in + 17 * kLanes) * u1;
+      }
+      u0 = v0;
+      u1 = v1;
+      store<V>(update_ + i * 2 * kLanes, u0);
+      store<V>(update_ + i * 2 * kLanes + kLanes, u1);
+      shift = shift + (u0 * Vector::loadFrom(in) + u1 * Vector::loadFrom(in + 3 * kLanes));
+      largest_squared = max(largest_squared, u0 * u0 + u1 * u1);
+      return turned(i, u0, u1, scale);
+    });
+    return sqrt(largest_squared) * inverse_length_;
+  }
+
+  /// The update in update_ once more, with another scale.
+  void retryUpdate(V scale) {
+    walk([&](int i) {
+      return turned(i, load<V>(update_ + i * 2 * kLanes), load<V>(update_ + i * 2 * kLanes + kLanes),
+                    scale);
+    });
+  }
+
+  V lowestHeight() const {
+    V height = root_position_.z, lowest = height;
+    for (int i = 0; i < n_ - 1; ++i) {
+      height = height + load<V>(trial_ + i * kVector + 2 * kLanes);
+      lowest = min(lowest, height);
+    }
+    return lowest;
+  }
+
+  /// Moves the state to the end of the step.
+  void finish(const double* pivot, Real* wrench) {
+    if constexpr (Potential::kPresent) potential_.finish();
+    const V from_way = real(step_.from_way), from_displacement = real(step_.from_displacement);
+    const V root_weight = real(step_.inertia) * load<V>(mass_);
+    Vector((root_weight * (root_displacement_ - Vector::loadFrom(target_)))).storeTo(gradient_);
+    Vector force{}, torque{};
+    const Vector centre = wrench ? Vector{real(pivot[0]), real(pivot[1]), real(pivot[2])} : Vector{};
+    Vector way = root_displacement_, position = root_position_;
+    for (int node = 0; node < n_; ++node) {
+      if (node > 0) {
+        const Vector e = Vector::loadFrom(trial_ + (node - 1) * kVector);
+        Real* old = edge_ + (node - 1) * kVector;
+        way = way + (e - Vector::loadFrom(old));
+        position = position + e;
+        e.storeTo(old);
+      }
+      const int at = node * kVector;
+      Vector::loadFrom(velocity_ + at).storeTo(previous_velocity_ + at);
+      const Vector velocity = from_way * way + from_displacement * Vector::loadFrom(displacement_ + at);
+      velocity.storeTo(velocity_ + at);
+      way.storeTo(displacement_ + at);
+      position.storeTo(position_ + at);
+      if (wrench) {
+        const Vector gradient = Vector::loadFrom(gradient_ + at);
+        force = force - gradient;
+        torque = torque - cross(position - centre, gradient);
+      }
+    }
+    if (wrench) {
+      force.storeTo(wrench);
+      torque.storeTo(wrench + kVector);
+    }
+  }
+
+  int n_;
+  int rods_here_;
+  const Real *spring_, *mass_;
+  Real *edge_, *position_, *displacement_, *velocity_, *previous_velocity_;
+  Real *target_, *gradient_, *trial_, *next_, *update_, *factor_;
+  const StepCoefficients& step_;
+  double gravity_;
+  Potential& potential_;
+  V length_, inverse_length_, inverse_length_squared_;
+  Vector root_position_, root_displacement_, clamp_;
+  V energy_{};
+};
+
+}  // namespace calligraphy_brush

@@ -1,0 +1,58 @@
+#pragma once
+
+#include <geometry_msgs/PoseStamped.h>
+#include <geometry_msgs/TransformStamped.h>
+#include <geometry_msgs/WrenchStamped.h>
+#include <nav_msgs/OccupancyGrid.h>
+#include <ros/time.h>
+#include <sensor_msgs/Image.h>
+#include <std_msgs/Header.h>
+#include <visualization_msgs/MarkerArray.h>
+
+#include <cstdint>
+#include <string>
+
+#include "calligraphy_brush/motion/pose_track.h"
+#include "calligraphy_brush/paper/paper.h"
+#include "calligraphy_brush/sim/simulator.h"
+
+/// Messages from values and values from messages: pure functions, usable without a master.
+namespace calligraphy_brush {
+
+/// Nanoseconds since the epoch of the time. Exact.
+std::int64_t toNanoseconds(const ros::Time& time);
+
+/// Inverse of toNanoseconds on what ros::Time can hold, 0 .. 2³² s; clamped to that.
+ros::Time toRosTime(std::int64_t stamp_ns);
+
+/// The pose as it stands in the message: the frame is the caller's business, and nothing is checked
+/// or normalised, so that PoseTrack sees (and refuses) what was really sent.
+HandlePose toHandlePose(const geometry_msgs::PoseStamped& message);
+
+/// Inverse of toHandlePose, exact to the bit.
+geometry_msgs::PoseStamped toPoseStamped(const HandlePose& pose, const std::string& frame);
+
+/// X_PH as a transform from paper_frame to handle_frame.
+geometry_msgs::TransformStamped toTransformStamped(const HandlePose& pose,
+                                                   const std::string& paper_frame,
+                                                   const std::string& handle_frame);
+
+/// Force [N] and torque [N m] on the handle, in the frame of the header.
+geometry_msgs::WrenchStamped toWrenchStamped(const HandleWrench& wrench, const std_msgs::Header& header);
+
+/// The picture of the sheet, mono8, top row first: 255 is paper, 0 is black ink.
+sensor_msgs::Image toImage(const Paper& paper, const std_msgs::Header& header);
+
+/// The picture as a map lying on the sheet, for stock rviz: 0 is paper, 100 is black ink, row 0 is
+/// the lowest (least y).
+///
+/// `picture` is mono8 as from toImage; pixel_size [m]. Rounds 256 greys to 101.
+nav_msgs::OccupancyGrid toOccupancyGrid(const sensor_msgs::Image& picture, double pixel_size);
+
+/// What to show of the brush in 3D: all rods as one LINE_LIST, coloured by the ink in them; ferrule
+/// and shaft; and the edge of the sheet. Without brush (before the first pose) only the sheet is
+/// shown and the rest is deleted. Positions in the frame of the header, which must be the paper's.
+visualization_msgs::MarkerArray toMarkers(const Simulator& simulator, bool with_brush,
+                                          const std_msgs::Header& header);
+
+}  // namespace calligraphy_brush

@@ -1,0 +1,54 @@
+#pragma once
+
+#include <Eigen/Geometry>
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "calligraphy_brush/brush/brush_model.h"
+#include "calligraphy_brush/contact/contact_parameters.h"
+#include "calligraphy_brush/rods/rod_parameters.h"
+
+namespace calligraphy_brush {
+
+/// What one step of the tuft did.
+struct TuftReport {
+  int solved_rods = 0;
+  int iterations = 0;       ///< Newton iterations, summed over rods
+  int most_iterations = 0;  ///< of one rod
+  int unconverged = 0;      ///< rods that ended at max_iterations
+};
+
+/// All rods of a brush and their contact with the sheet, in one precision, in batches over threads.
+class Tuft {
+ public:
+  virtual ~Tuft() = default;
+
+  /// Puts the rods, straight and at rest, onto a handle at X_PH.
+  virtual void place(const Eigen::Isometry3d& X_PH) = 0;
+
+  /// One time step, at the end of which the handle is at X_PH.
+  virtual TuftReport step(const Eigen::Isometry3d& X_PH) = 0;
+
+  /// Position of a node in the paper frame [m].
+  virtual Eigen::Vector3d nodePosition(int rod, int node) const = 0;
+  /// Force of the sheet on a node in the last step [N].
+  virtual Eigen::Vector3d contactForce(int rod, int node) const = 0;
+  /// Force [N] and torque about the handle's origin [N m] that a rod put on it in the last step.
+  virtual Eigen::Matrix<double, 6, 1> rodWrench(int rod) const = 0;
+  /// False where certainly no node of the rod touched the sheet in the last step.
+  virtual bool mayTouch(int rod) const = 0;
+
+  virtual const char* kernelName() const = 0;
+  /// FNV-1a hash of the state, continued from `seed`.
+  virtual std::uint64_t hash(std::uint64_t seed) const = 0;
+};
+
+/// In the precision that the parameters name. Throws ParameterError or std::invalid_argument.
+std::unique_ptr<Tuft> makeTuft(const BrushModel& brush, const RodParameters& rods,
+                               const ContactParameters& contact);
+
+/// FNV-1a over bytes.
+std::uint64_t hashBytes(const void* data, std::size_t size, std::uint64_t seed);
+
+}  // namespace calligraphy_brush

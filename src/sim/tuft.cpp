@@ -1,0 +1,192 @@
+#include "calligraphy_brush/sim/tuft.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <stdexcept>
+#include <vector>
+
+#include "calligraphy_brush/common/thread_pool.h"
+#include "calligraphy_brush/sim/rod_step.h"
+
+namespace calligraphy_brush {
+namespace {
+
+template <class Real>
+class TuftOf : public Tuft {
+ public:
+  TuftOf(const BrushModel& brush, const RodParameters& rods, const ContactParameters& contact)
+      : brush_(brush),
+        kernel_(findRodStepKernel(rods.instruction_set)),
+        pool_(rods.threads),
+        law_(rods.bending_law == "tangent" ? BendingLawName::kTangent : BendingLawName::kSine),
+        gravity_(rods.gravity),
+        coefficients_(stepCoefficients(
+            rods.scheme == "bdf2" ? Scheme::kBdf2 : Scheme::kBackwardEuler, rods.time_step, rods.damping)),
+        first_coefficients_(stepCoefficients(Scheme::kBackwardEuler, rods.time_step, rods.damping)),
+        settings_{rods.tolerance, rods.max_iterations, contact.tolerance, contact.multiplier_updates},
+        has_paper_(contact.paper) {
+    const int rod_count = static_cast<int>(brush_.rods.size());
+    for (int first = 0; first < rod_count; first += kLanes) {
+      Batch batch;
+      batch.model = makeRodBatchModel<Real>(brush_.rods, first);
+      batch.state = makeRodBatchState(batch.model);
+      batch.roots = makeRodBatchRoots<Real>();
+      batch.contact = makePaperContactState<Real>(batch.model.node_count);
+      batch.contact.friction = static_cast<Real>(contact.paper_friction);
+      for (std::size_t i = 0; i < batch.contact.stiffness.size(); ++i)
+        batch.contact.stiffness[i] =
+            static_cast<Real>(contact.stiffness * (coefficients_.inertia * double(batch.model.mass[i]) +
+                                                   double(batch.model.stiffness[i])));
+      batch.wrench.resize(6 * kLanes);
+      batch.root_position.resize(static_cast<std::size_t>(batch.model.rod_count));
+      batches_.push_back(std::move(batch));
+    }
+    for (int thread = 0; thread < pool_.threadCount(); ++thread)
+      workspaces_.push_back(makeRodBatchWorkspace<Real>(brush_.rods.front().nodeCount()));
+    solve_ = [this](int index, int thread) {
+      solve(batches_[static_cast<std::size_t>(index)], workspaces_[static_cast<std::size_t>(thread)]);
+    };
+  }
+
+  void place(const Eigen::Isometry3d& X_PH) override {
+    for (std::size_t b = 0; b < batches_.size(); ++b) {
+      Batch& batch = batches_[b];
+      moveRoots(b, X_PH, true);
+      placeAtRest(batch.model, batch.roots, batch.state);
+      for (auto* field : {&batch.contact.multiplier, &batch.contact.offset, &batch.contact.force})
+        std::fill(field->begin(), field->end(), Real(0));
+      std::fill(batch.wrench.begin(), batch.wrench.end(), Real(0));
+      std::fill(batch.contact.engaged.begin(), batch.contact.engaged.end(), char(0));
+    }
+    has_history_ = false;
+  }
+
+  TuftReport step(const Eigen::Isometry3d& X_PH) override {
+    pivot_ = {X_PH.translation().x(), X_PH.translation().y(), X_PH.translation().z()};
+    for (std::size_t b = 0; b < batches_.size(); ++b) moveRoots(b, X_PH, false);
+    pool_.run(static_cast<int>(batches_.size()), solve_);
+    has_history_ = true;
+
+    TuftReport report;
+    for (const Batch& batch : batches_) {
+      report.solved_rods += batch.model.rod_count;
+      report.iterations += batch.report.iterations;
+      report.most_iterations = std::max(report.most_iterations, batch.report.most_iterations);
+      report.unconverged += batch.report.unconverged;
+    }
+    return report;
+  }
+
+  Eigen::Vector3d nodePosition(int rod, int node) const override {
+    return vectorAt(batchOf(rod).state.position, rod, node);
+  }
+  Eigen::Vector3d contactForce(int rod, int node) const override {
+    return vectorAt(batchOf(rod).contact.force, rod, node);
+  }
+  Eigen::Matrix<double, 6, 1> rodWrench(int rod) const override {
+    Eigen::Matrix<double, 6, 1> wrench;
+    for (int i = 0; i < 6; ++i)
+      wrench[i] = double(batchOf(rod).wrench[static_cast<std::size_t>(i * kLanes + rod % kLanes)]);
+    return wrench;
+  }
+  bool mayTouch(int rod) const override {
+    const auto& engaged = batchOf(rod).contact.engaged;
+    return std::any_of(engaged.begin(), engaged.end(), [](char lanes) { return lanes != 0; });
+  }
+  const char* kernelName() const override { return kernel_.name; }
+
+  std::uint64_t hash(std::uint64_t seed) const override {
+    for (const Batch& batch : batches_)
+      for (const auto* field :
+           {&batch.state.edge, &batch.state.position, &batch.state.displacement, &batch.state.velocity,
+            &batch.state.previous_velocity, &batch.contact.multiplier, &batch.contact.offset})
+        seed = hashBytes(field->data(), field->size() * sizeof(Real), seed);
+    return seed;
+  }
+
+ private:
+  struct Batch {
+    RodBatchModel<Real> model;
+    RodBatchState<Real> state;
+    RodBatchRoots<Real> roots;
+    PaperContactState<Real> contact;
+    AlignedVector<Real> wrench;
+    std::vector<Eigen::Vector3d> root_position;  // double: what it moves in a step is a small difference
+    SolveReport report;
+  };
+
+  const Batch& batchOf(int rod) const { return batches_[static_cast<std::size_t>(rod / kLanes)]; }
+
+  static Eigen::Vector3d vectorAt(const AlignedVector<Real>& field, int rod, int node) {
+    const auto at = static_cast<std::size_t>(node * 3 * kLanes + rod % kLanes);
+    return {double(field[at]), double(field[at + kLanes]), double(field[at + 2 * kLanes])};
+  }
+
+  void moveRoots(std::size_t b, const Eigen::Isometry3d& X_PH, bool placing) {
+    Batch& batch = batches_[b];
+    const int rod_count = batch.model.rod_count;
+    for (int lane = 0; lane < kLanes; ++lane) {
+      const int k = std::min(lane, rod_count - 1);
+      const RodModel& rod = brush_.rods[b * kLanes + static_cast<std::size_t>(k)];
+      Eigen::Vector3d& old = batch.root_position[static_cast<std::size_t>(k)];
+      const Eigen::Vector3d position = X_PH * rod.root_H;
+      const Eigen::Vector3d way = placing ? Eigen::Vector3d(0, 0, 0) : Eigen::Vector3d(position - old);
+      const Eigen::Vector3d clamp = X_PH.linear() * rod.direction_H *
+                                    double(batch.model.edge_length[static_cast<std::size_t>(lane)]);
+      for (int i = 0; i < 3; ++i) {
+        const auto at = static_cast<std::size_t>(i * kLanes + lane);
+        batch.roots.position[at] = static_cast<Real>(position[i]);
+        batch.roots.displacement[at] = static_cast<Real>(way[i]);
+        batch.roots.clamp[at] = static_cast<Real>(clamp[i]);
+      }
+    }
+    for (int k = 0; k < rod_count; ++k)
+      batch.root_position[static_cast<std::size_t>(k)] =
+          X_PH * brush_.rods[b * kLanes + static_cast<std::size_t>(k)].root_H;
+  }
+
+  void solve(Batch& batch, RodBatchWorkspace<Real>& workspace) {
+    batch.report = kernel_(RodStep<Real>{batch.model, batch.roots,
+                                         has_history_ ? coefficients_ : first_coefficients_, settings_, law_,
+                                         gravity_, pivot_.data(), has_paper_ ? &batch.contact : nullptr,
+                                         batch.state, workspace, batch.wrench.data()});
+  }
+
+  BrushModel brush_;
+  const RodStepKernel& kernel_;
+  ThreadPool pool_;
+  BendingLawName law_;
+  double gravity_;
+  StepCoefficients coefficients_, first_coefficients_;
+  SolverSettings settings_;
+  bool has_paper_;
+  bool has_history_ = false;
+  std::array<double, 3> pivot_{};
+  std::vector<Batch> batches_;
+  std::vector<RodBatchWorkspace<Real>> workspaces_;
+  std::function<void(int, int)> solve_;
+};
+
+}  // namespace
+
+std::unique_ptr<Tuft> makeTuft(const BrushModel& brush, const RodParameters& rods,
+                               const ContactParameters& contact) {
+  std::vector<std::string> problems = findParameterProblems(rods);
+  for (const auto& problem : findParameterProblems(contact)) problems.push_back(problem);
+  if (!problems.empty()) throw ParameterError(problems);
+  if (brush.rods.empty()) throw std::invalid_argument("a brush needs at least one rod");
+  for (const RodModel& rod : brush.rods)
+    if (rod.nodeCount() != brush.rods.front().nodeCount() || rod.nodeCount() < 3)
+      throw std::invalid_argument("all rods of a brush must have equally many nodes, at least 3");
+  if (rods.precision == "double") return std::make_unique<TuftOf<double>>(brush, rods, contact);
+  return std::make_unique<TuftOf<float>>(brush, rods, contact);
+}
+
+std::uint64_t hashBytes(const void* data, std::size_t size, std::uint64_t seed) {
+  const auto* bytes = static_cast<const unsigned char*>(data);
+  for (std::size_t i = 0; i < size; ++i) seed = (seed ^ bytes[i]) * 1099511628211ULL;
+  return seed;
+}
+
+}  // namespace calligraphy_brush
