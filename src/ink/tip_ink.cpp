@@ -18,6 +18,7 @@ TipInk::TipInk(const BrushModel& brush, const InkParameters& parameters) : param
     Rod rod;
     rod.capacity = model.ink_capacity;
     rod.radius = model.node_radius;
+    rod.reach = *std::max_element(rod.radius.begin(), rod.radius.end()) + parameters.coat;
     rods_.push_back(std::move(rod));
   }
   dip();
@@ -31,16 +32,14 @@ void TipInk::wipe() {
   for (Rod& rod : rods_) rod.volume = 0.0;
 }
 
-void TipInk::lift() {
-  for (Rod& rod : rods_) rod.marks.clear();
-}
-
 void TipInk::transfer(int rod_index, const std::vector<Eigen::Vector3d>& nodes, Paper& paper) {
   Rod& rod = rods_[static_cast<std::size_t>(rod_index)];
   now_.clear();
+  const double part = rod.capacity > 0.0 ? rod.volume / rod.capacity : 0.0;
+  const double coat = parameters_.coat * part;
   bool touches = false;
   for (std::size_t node = 0; node < nodes.size() && !touches; ++node)
-    touches = nodes[node].z() < rod.radius[node];
+    touches = nodes[node].z() < rod.radius[node] + coat;
   if (!touches) {
     rod.marks.clear();
     return;
@@ -51,7 +50,7 @@ void TipInk::transfer(int rod_index, const std::vector<Eigen::Vector3d>& nodes, 
                                                         static_cast<int>(nodes.size()) - 2));
     const double s = static_cast<double>(piece) / kPiecesPerEdge - static_cast<double>(node);
     const Eigen::Vector3d x = (1.0 - s) * nodes[node] + s * nodes[node + 1];
-    const double radius = (1.0 - s) * rod.radius[node] + s * rod.radius[node + 1];
+    const double radius = (1.0 - s) * rod.radius[node] + s * rod.radius[node + 1] + coat;
     const double height = std::max(0.0, x.z());
     now_.push_back({x.x(), x.y(), std::sqrt(std::max(0.0, radius * radius - height * height))});
   }
@@ -71,7 +70,6 @@ void TipInk::transfer(int rod_index, const std::vector<Eigen::Vector3d>& nodes, 
     rod.marks = now_;
   }
 
-  const double part = rod.capacity > 0.0 ? rod.volume / rod.capacity : 0.0;
   const double thickness = parameters_.film_thickness * part;
   const auto between = [](const Mark& a, const Mark& b, double s) {
     return Mark{a.x + s * (b.x - a.x), a.y + s * (b.y - a.y), a.half_width + s * (b.half_width - a.half_width)};

@@ -35,10 +35,13 @@ double Paper::deposit(const TaperedCapsule& capsule, double thickness) {
 
   const double length_squared = dx * dx + dy * dy;
   const double inverse = length_squared > 0 ? 1.0 / length_squared : 0.0;
+  const auto most = static_cast<float>(thickness);
   double added = 0.0;
   for (int row = first_row; row <= last_row; ++row) {
     const double py = row - y0;
     for (int column = first_column; column <= last_column; ++column) {
+      float& ink = ink_[index(column, row)];
+      if (ink >= most) continue;
       const double px = column - x0;
       const double along = std::clamp((px * dx + py * dy) * inverse, 0.0, 1.0);
       const double ox = px - along * dx, oy = py - along * dy;
@@ -48,7 +51,6 @@ double Paper::deposit(const TaperedCapsule& capsule, double thickness) {
       // Part of a pixel's breadth that lies between −radius and radius of the middle line.
       const double covered =
           std::min(1.0, 0.5 + radius - distance) - std::max(0.0, 0.5 - radius - distance);
-      float& ink = ink_[index(column, row)];
       const auto wanted = static_cast<float>(thickness * std::max(0.0, covered));
       if (wanted > ink) {
         added += static_cast<double>(wanted) - static_cast<double>(ink);

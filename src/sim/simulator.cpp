@@ -61,6 +61,10 @@ struct Simulator::Implementation {
     report.ink_in_tip = ink.totalVolume();
   }
 
+  void liftAll() {
+    for (int rod = 0; rod < static_cast<int>(brush.rods.size()); ++rod) ink.lift(rod);
+  }
+
   /// The time step, in order.
   void step() {
     time_ns += step_ns;
@@ -86,21 +90,19 @@ struct Simulator::Implementation {
 
   void transferInk() {
     const StageTimer timer(report, Stage::kTransferInk);
-    const int node_count = brush.rods.front().nodeCount();
-    nodes.resize(static_cast<std::size_t>(node_count));
     report.touching_rods = report.touching_nodes = 0;
     report.max_penetration = 0.0;
     for (int rod = 0; rod < static_cast<int>(brush.rods.size()); ++rod) {
-      int touching = 0;
-      for (int node = 0; node < node_count; ++node) {
-        Eigen::Vector3d& x = nodes[static_cast<std::size_t>(node)];
-        x = tuft->nodePosition(rod, node);
-        report.max_penetration = std::max(report.max_penetration, -x.z());
-        if (tuft->mayTouch(rod)) touching += tuft->contactForce(rod, node).z() > 0.0;
+      const RodOnPaper place = tuft->rodOnPaper(rod);
+      report.touching_nodes += place.touching;
+      report.touching_rods += place.touching > 0;
+      report.max_penetration = std::max(report.max_penetration, -place.lowest);
+      if (place.lowest > ink.reach(rod)) {
+        ink.lift(rod);
+      } else {
+        tuft->readRod(rod, nodes);
+        ink.transfer(rod, nodes, paper);
       }
-      report.touching_nodes += touching;
-      report.touching_rods += touching > 0;
-      ink.transfer(rod, nodes, paper);
     }
     report.ink_in_tip = ink.totalVolume();
   }
@@ -140,7 +142,7 @@ PoseVerdict Simulator::addPose(const HandlePose& pose) {
     s.handle = s.track.newest();
     s.time_ns = s.handle.stamp_ns;
     s.tuft->place(toIsometry(s.handle));
-    s.ink.lift();
+    s.liftAll();
   }
   return verdict;
 }
@@ -170,7 +172,7 @@ void Simulator::reset() {
   Implementation& s = *implementation_;
   s.track.clear();
   s.paper.clear();
-  s.ink.lift();
+  s.liftAll();
   s.ink.dip();
   s.handle = HandlePose{};
   s.time_ns = 0;

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
+#include <limits>
 #include <stdexcept>
 #include <vector>
 
@@ -58,6 +60,7 @@ class TuftOf : public Tuft {
         std::fill(field->begin(), field->end(), Real(0));
       std::fill(batch.wrench.begin(), batch.wrench.end(), Real(0));
       std::fill(batch.contact.engaged.begin(), batch.contact.engaged.end(), char(0));
+      lookAtPaper(batch);
     }
     has_history_ = false;
   }
@@ -90,9 +93,15 @@ class TuftOf : public Tuft {
       wrench[i] = double(batchOf(rod).wrench[static_cast<std::size_t>(i * kLanes + rod % kLanes)]);
     return wrench;
   }
-  bool mayTouch(int rod) const override {
-    const auto& engaged = batchOf(rod).contact.engaged;
-    return std::any_of(engaged.begin(), engaged.end(), [](char lanes) { return lanes != 0; });
+  RodOnPaper rodOnPaper(int rod) const override {
+    const Batch& batch = batchOf(rod);
+    const auto lane = static_cast<std::size_t>(rod % kLanes);
+    return {double(batch.lowest[lane]), batch.touching[lane]};
+  }
+  void readRod(int rod, std::vector<Eigen::Vector3d>& nodes) const override {
+    nodes.resize(static_cast<std::size_t>(batchOf(rod).model.node_count));
+    for (int node = 0; node < batchOf(rod).model.node_count; ++node)
+      nodes[static_cast<std::size_t>(node)] = nodePosition(rod, node);
   }
   const char* kernelName() const override { return kernel_.name; }
 
@@ -113,6 +122,8 @@ class TuftOf : public Tuft {
     PaperContactState<Real> contact;
     AlignedVector<Real> wrench;
     std::vector<Eigen::Vector3d> root_position;  // double: what it moves in a step is a small difference
+    std::array<Real, kLanes> lowest;
+    std::array<int, kLanes> touching;
     SolveReport report;
   };
 
@@ -151,6 +162,22 @@ class TuftOf : public Tuft {
                                          has_history_ ? coefficients_ : first_coefficients_, settings_, law_,
                                          gravity_, pivot_.data(), has_paper_ ? &batch.contact : nullptr,
                                          batch.state, workspace, batch.wrench.data()});
+    lookAtPaper(batch);
+  }
+
+  static void lookAtPaper(Batch& batch) {
+    const bool engaged = std::any_of(batch.contact.engaged.begin(), batch.contact.engaged.end(),
+                                     [](char lanes) { return lanes != 0; });
+    batch.touching.fill(0);
+    batch.lowest.fill(std::numeric_limits<Real>::max());
+    for (int node = 0; node < batch.model.node_count; ++node) {
+      const Real* z = batch.state.position.data() + (node * 3 + 2) * kLanes;
+      const Real* push = batch.contact.force.data() + (node * 3 + 2) * kLanes;
+      for (std::size_t lane = 0; lane < kLanes; ++lane)
+        batch.lowest[lane] = std::min(batch.lowest[lane], z[lane]);
+      if (!engaged) continue;
+      for (std::size_t lane = 0; lane < kLanes; ++lane) batch.touching[lane] += push[lane] > 0;
+    }
   }
 
   BrushModel brush_;

@@ -12,14 +12,14 @@ struct BrushParameters {
   double hair_radius = 30e-6;
   double youngs_modulus = 3.89e9;
   double density = 1300.0;
-  double hair_taper = 0.6;
-  double cone = 0.35;
-  double point = 0.5;
-  double point_hairs = 0.03;
-  double convergence = 0.95;
+  double hair_taper = 0.4;
+  double cone = 0.25;
+  double point = 0.35;
+  double point_hairs = 0.1;
+  double convergence = 0.2;
   double length_scatter = 0.01;
-  double packing = 0.7;
-  int rod_count = 64;
+  double packing = 0.45;
+  int rod_count = 128;
   int node_count = 16;
   int seed = 1;
 

@@ -20,15 +20,18 @@ class TipInk {
   void dip();
   /// Empties every rod.
   void wipe();
-  /// Forgets where the rods last touched, as if the brush had been lifted.
-  void lift();
+  /// The rod is off the sheet: forgets where it last touched.
+  void lift(int rod) { rods_[static_cast<std::size_t>(rod)].marks.clear(); }
+  /// A rod whose lowest node is higher than this leaves nothing [m].
+  double reach(int rod) const { return rods_[static_cast<std::size_t>(rod)].reach; }
 
   /// Leaves ink along what the rod's contact swept since the last call.
   ///
-  /// nodes: the rod's node positions in the paper frame [m]. A bundle of radius r whose centreline
-  /// is at height z over the sheet lies on it with a chord of half width √(r² − z²), so an end that
-  /// just touches leaves a point and a bundle that lies flat its whole breadth. The film is
-  /// film_thickness times the part of its ink that the rod still has.
+  /// nodes: the rod's node positions in the paper frame [m]. A bundle of radius r, its
+  /// coat of ink included, whose centreline is at height z over the sheet lies on it with a chord of
+  /// half width √(r² − z²), so an end that just touches leaves a point and a bundle that lies flat
+  /// its whole breadth. Film and coat are film_thickness and coat times the part of its capacity
+  /// that the rod still holds.
   void transfer(int rod, const std::vector<Eigen::Vector3d>& nodes, Paper& paper);
 
   double volume(int rod) const { return rods_[static_cast<std::size_t>(rod)].volume; }      ///< [m³]
@@ -44,6 +47,7 @@ class TipInk {
   struct Rod {
     double volume = 0.0;
     double capacity = 0.0;
+    double reach = 0.0;
     std::vector<double> radius;  // at the nodes
     std::vector<Mark> marks;     // where it was last drawn; empty: it did not touch
   };

@@ -217,18 +217,27 @@ class RodKernel {
     for (int iteration = 0; iteration < settings.max_iterations; ++iteration) {
       iterations = iterations + select(active, one, zero);
       V decrement{};
-      const Mask failed = sweep(zero > one, decrement);
-      if (any(failed & active)) sweep(failed, decrement);
+      // As near to Newton as the curvature allows: a majorant creeps where a rod buckles.
+      V majorant{};
+      Mask failed = active & sweep(majorant, decrement);
+      for (const double part : {0.1, 0.4, 1.0}) {
+        if (!any(failed)) break;
+        majorant = select(failed, real(part), majorant);
+        failed = failed & sweep(majorant, decrement);
+      }
 
       const V energy_before = energy_;
       V scale = select(active, one, zero);
       const V largest = solveForUpdate(scale);
-      // Where the update is tiny the energies differ by rounding only, and Newton is right.
-      const V slack = real(64) * broadcast<V>(std::numeric_limits<Real>::epsilon()) * energy_before;
+      // Where the update is tiny the energies differ by rounding only, and Newton is right, unless
+      // it has stepped from one piece of the potential to another.
+      Mask surely_downhill = largest <= real(1e-3);
+      if constexpr (Potential::kPresent) surely_downhill = surely_downhill & !potential_.pieceChanged();
+      const V slack = real(16) * broadcast<V>(std::numeric_limits<Real>::epsilon()) * energy_before;
       const auto isUphill = [&] {
-        return !(energy_ <= energy_before + slack - real(1e-4) * scale * decrement);
+        return !(energy_ <= energy_before + slack - real(0.1) * scale * decrement);
       };
-      Mask uphill = active & !(largest <= real(1e-3)) & isUphill();
+      Mask uphill = active & !surely_downhill & isUphill();
       const Mask shortened = uphill;
       for (int halving = 0; any(uphill); ++halving) {
         // No way down at all: the lane keeps its shape, and says that it did not converge.
@@ -241,7 +250,8 @@ class RodKernel {
       trial_ = accepted;
 
       Mask done = (largest * largest < tolerance) & !shortened;
-      if constexpr (Potential::kPresent) done = done & !potential_.pieceChanged();
+      if constexpr (Potential::kPresent)
+        done = done & ((largest < tolerance) | !potential_.pieceChanged());
       converged = converged | (active & done);
       active = active & !done & (scale > zero);
       if (!any(active)) break;
@@ -261,8 +271,9 @@ class RodKernel {
   }
 
   /// Riccati sweep from tip to root: gains of every edge into factor_, and gᵀH⁻¹g into `decrement`.
-  /// Lanes of `positive` use the positive definite majorant. Returns the lanes with a bad pivot.
-  CALLIGRAPHY_INLINE Mask sweep(Mask positive, V& decrement) {
+  /// `majorant` blends the Hessian (0) with a positive definite one above it (1). Returns the lanes
+  /// with a bad pivot.
+  Mask sweep(V majorant, V& decrement) {
     const V weight = real(step_.inertia), zero{}, one = real(1), two = real(2), half = real(0.5);
     const Real epsilon = std::numeric_limits<Real>::epsilon();
     const V least_pivot = real(8) * broadcast<V>(epsilon);
@@ -298,12 +309,12 @@ class RodKernel {
       const V k = load<V>(spring_ + i * kLanes);
       const V A = two * k * law.first;
       const V B = real(4) * k * law.second * inverse_length_squared_;
-      const V curvature = A * select(positive, one, one - half * s);
+      const V curvature = A * (one - (one - majorant) * (half * s));
       const V a0 = dot(P0, before), a1 = dot(P1, before);
 
       // Turning e shortens the way of everything beyond it.
       V geometric = -dot(e, force) * inverse_length_squared_;
-      geometric = select(positive & (geometric < zero), zero, geometric);
+      geometric = select(geometric < zero, (one - majorant) * geometric, geometric);
       const V diagonal = curvature + geometric;
 
       const Vector W0 = S * P0 + R0, W1 = S * P1 + R1;

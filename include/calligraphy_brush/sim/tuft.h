@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "calligraphy_brush/brush/brush_model.h"
 #include "calligraphy_brush/contact/contact_parameters.h"
@@ -19,6 +20,12 @@ struct TuftReport {
   int unconverged = 0;      ///< rods that ended at max_iterations
 };
 
+/// Where a rod is to the sheet after a step.
+struct RodOnPaper {
+  double lowest = 0.0;  ///< height of its lowest node [m]
+  int touching = 0;     ///< nodes that the sheet pushes
+};
+
 /// All rods of a brush and their contact with the sheet, in one precision, in batches over threads.
 class Tuft {
  public:
@@ -30,14 +37,15 @@ class Tuft {
   /// One time step, at the end of which the handle is at X_PH.
   virtual TuftReport step(const Eigen::Isometry3d& X_PH) = 0;
 
+  /// Positions of all nodes of a rod in the paper frame [m].
+  virtual void readRod(int rod, std::vector<Eigen::Vector3d>& nodes) const = 0;
   /// Position of a node in the paper frame [m].
   virtual Eigen::Vector3d nodePosition(int rod, int node) const = 0;
   /// Force of the sheet on a node in the last step [N].
   virtual Eigen::Vector3d contactForce(int rod, int node) const = 0;
   /// Force [N] and torque about the handle's origin [N m] that a rod put on it in the last step.
   virtual Eigen::Matrix<double, 6, 1> rodWrench(int rod) const = 0;
-  /// False where certainly no node of the rod touched the sheet in the last step.
-  virtual bool mayTouch(int rod) const = 0;
+  virtual RodOnPaper rodOnPaper(int rod) const = 0;
 
   virtual const char* kernelName() const = 0;
   /// FNV-1a hash of the state, continued from `seed`.
