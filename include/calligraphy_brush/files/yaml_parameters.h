@@ -50,10 +50,10 @@ void loadYamlParameters(const std::string& file, Parameters& parameters) {
     using Field = std::decay_t<decltype(field)>;
     const std::string unit_text = std::string(unit) == "1" ? "" : " " + std::string(unit);
     if (!parseYaml(entry->text, field)) {
-      const char* type = std::is_same_v<Field, double> ? "a number"
-                         : std::is_same_v<Field, int>  ? "a whole number"
-                                                       : "true or false";
-      report(*entry, " = " + entry->text + " is not " + type + " in " + rangeText(legal) + unit_text);
+      const std::string type = std::is_same_v<Field, double> ? "a number in "
+                               : std::is_same_v<Field, int>  ? "a whole number in "
+                                                             : "one of ";
+      report(*entry, " = " + entry->text + " is not " + type + rangeText(legal) + unit_text);
     } else if constexpr (!std::is_same_v<Field, bool>) {
       if (!isLegal(field, legal))
         report(*entry, " = " + entry->text + " is outside " + rangeText(legal) + unit_text);

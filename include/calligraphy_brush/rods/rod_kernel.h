@@ -229,10 +229,11 @@ class RodKernel {
       const V energy_before = energy_;
       V scale = select(active, one, zero);
       const V largest = solveForUpdate(scale);
-      // Where the update is tiny the energies differ by rounding only, and Newton is right, unless
-      // it has stepped from one piece of the potential to another.
+      // Where the update is tiny the energies differ by rounding only, and Newton is right; over a
+      // kink of the potential not even then.
       Mask surely_downhill = largest <= real(1e-3);
-      if constexpr (Potential::kPresent) surely_downhill = surely_downhill & !potential_.pieceChanged();
+      if constexpr (Potential::kPresent)
+        surely_downhill = (largest * largest < tolerance) & !potential_.pieceChanged();
       const V slack = real(16) * broadcast<V>(std::numeric_limits<Real>::epsilon()) * energy_before;
       const auto isUphill = [&] {
         return !(energy_ <= energy_before + slack - real(0.1) * scale * decrement);
