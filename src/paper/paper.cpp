@@ -17,9 +17,17 @@ double Paper::deposit(const TaperedCapsule& capsule, double thickness) {
   if (!(thickness > 0.0)) return 0.0;
   // In pixels from here on; pixel (i, j) has its middle at (i + ½, j + ½).
   const double scale = 1.0 / pixel_size_;
-  const double x0 = capsule.x0 * scale - 0.5, y0 = capsule.y0 * scale - 0.5;
-  const double dx = (capsule.x1 - capsule.x0) * scale, dy = (capsule.y1 - capsule.y0) * scale;
-  const double r0 = capsule.radius0 * scale, dr = (capsule.radius1 - capsule.radius0) * scale;
+  double x0 = capsule.x0 * scale - 0.5, y0 = capsule.y0 * scale - 0.5;
+  double dx = (capsule.x1 - capsule.x0) * scale, dy = (capsule.y1 - capsule.y0) * scale;
+  double r0 = capsule.radius0 * scale, dr = (capsule.radius1 - capsule.radius0) * scale;
+  if (dx * dx + dy * dy <= dr * dr) {  // one of the two discs holds the other
+    if (dr > 0) {
+      x0 += dx;
+      y0 += dy;
+      r0 += dr;
+    }
+    dx = dy = dr = 0.0;
+  }
   const double reach = std::max(r0, r0 + dr) + 0.5;
   if (!(std::isfinite(x0 + y0 + dx + dy) && reach < 1e6)) return 0.0;
 

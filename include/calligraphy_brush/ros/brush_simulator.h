@@ -10,6 +10,7 @@
 #include <tf2_ros/transform_listener.h>
 
 #include <array>
+#include <atomic>
 #include <cstdint>
 #include <deque>
 #include <functional>
@@ -83,6 +84,7 @@ class BrushSimulator {
 
   std::deque<WaitingPose> waiting_poses_;
   bool work_is_scheduled_ = false;
+  std::atomic<bool> is_closing_{false};
   std::int64_t newest_stamp_ns_ = 0;  // of the accepted poses
   std::uint64_t accepted_count_ = 0;
   std::array<std::uint64_t, kRefusalCount> refused_counts_{};

@@ -1,0 +1,202 @@
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <cmath>
+#include <cstdlib>
+#include <new>
+
+#include "calligraphy_brush/sim/simulator.h"
+
+namespace {
+std::atomic<long> allocations{0};
+}
+
+// Counts every allocation of the process. Not inlined, or GCC takes new and free for a mismatch.
+__attribute__((noinline)) void* operator new(std::size_t size) {
+  ++allocations;
+  if (void* memory = std::malloc(size)) return memory;
+  throw std::bad_alloc();
+}
+__attribute__((noinline)) void operator delete(void* memory) noexcept { std::free(memory); }
+__attribute__((noinline)) void operator delete(void* memory, std::size_t) noexcept { std::free(memory); }
+
+using namespace calligraphy_brush;
+
+namespace {
+
+constexpr std::int64_t kStart = 1000000000;
+
+SimulatorParameters smallScene() {
+  SimulatorParameters p;
+  p.brush.rod_count = 20;
+  p.paper.width = 0.12;
+  p.paper.height = 0.06;
+  return p;
+}
+
+/// A press, a drag along +x and a lift, at 125 Hz: pose k.
+HandlePose strokePose(const Simulator& simulator, int k) {
+  const double length = simulator.brush().tip_length;
+  const auto ease = [](double u) { return u <= 0 ? 0.0 : u >= 1 ? 1.0 : u * u * (3 - 2 * u); };
+  HandlePose pose;
+  pose.stamp_ns = kStart + 8000000LL * k;
+  const double depth = -0.005 + 0.013 * ease((k - 5) / 25.0) - 0.013 * ease((k - 100) / 25.0);
+  pose.position = {0.02 + 0.06 * ease((k - 10) / 110.0), 0.03, length - depth};
+  pose.orientation = Eigen::AngleAxisd(0.2 * ease(k / 60.0), Eigen::Vector3d::UnitY());
+  return pose;
+}
+constexpr int kStrokePoses = 135;
+
+std::uint64_t runStroke(Simulator& simulator, int poses_at_once = 1) {
+  for (int k = 0; k < kStrokePoses; ++k) {
+    EXPECT_EQ(simulator.addPose(strokePose(simulator, k)), PoseVerdict::kAccepted);
+    if (k % poses_at_once == 0) simulator.advance();
+  }
+  simulator.advance();
+  return simulator.stateHash();
+}
+
+}  // namespace
+
+TEST(Simulator, WritesAStrokeThatBeginsAndEndsInAPoint) {
+  SimulatorParameters p = smallScene();
+  p.brush.rod_count = 64;
+  Simulator simulator(p);
+  runStroke(simulator);
+  const Paper& paper = simulator.paper();
+  const auto width = [&](int column) {
+    double sum = 0;
+    for (int row = 0; row < paper.height_px(); ++row) sum += paper.ink(column, row) > 5e-6F;
+    return sum * paper.pixelSize();
+  };
+  int first = paper.width_px(), last = 0;
+  double widest = 0;
+  for (int column = 0; column < paper.width_px(); ++column) {
+    if (width(column) <= 0) continue;
+    first = std::min(first, column);
+    last = std::max(last, column);
+    widest = std::max(widest, width(column));
+  }
+  EXPECT_GT(widest, 0.002);
+  EXPECT_LT(width(last), 0.4 * widest);
+  EXPECT_GT((last - first) * paper.pixelSize(), 0.04);
+  // Nothing at the rim of the sheet.
+  EXPECT_GT(first, 0);
+  EXPECT_LT(last, paper.width_px() - 1);
+}
+
+TEST(Simulator, LeavesNothingWhileItRestsAboveTheSheet) {
+  Simulator simulator(smallScene());
+  for (int k = 0; k < 200; ++k) {
+    HandlePose pose;
+    pose.stamp_ns = kStart + 8000000LL * k;
+    pose.position = {0.05, 0.03, simulator.brush().tip_length + 0.001};
+    ASSERT_EQ(simulator.addPose(pose), PoseVerdict::kAccepted);
+    simulator.advance();
+  }
+  EXPECT_EQ(simulator.paper().inkVolume(), 0.0);
+  EXPECT_EQ(simulator.report().touching_rods, 0);
+}
+
+TEST(Simulator, KeepsTheInkThatTipAndSheetHold) {
+  Simulator simulator(smallScene());
+  const double before = simulator.report().ink_in_tip;
+  runStroke(simulator);
+  const double on_sheet = simulator.paper().inkVolume();
+  EXPECT_GT(on_sheet, 0.0);
+  EXPECT_NEAR(simulator.report().ink_in_tip + on_sheet, before, 1e-5 * on_sheet);
+}
+
+TEST(Simulator, GivesTheSameBitsHoweverPosesArriveAndForAnyThreads) {
+  SimulatorParameters p = smallScene();
+  p.brush.rod_count = 40;
+  Simulator one(p);
+  const std::uint64_t hash = runStroke(one);
+  Simulator in_bunches(p);
+  EXPECT_EQ(runStroke(in_bunches, 7), hash);
+  p.rods.threads = 3;
+  Simulator threaded(p);
+  EXPECT_EQ(runStroke(threaded), hash);
+}
+
+TEST(Simulator, StartsAnewAfterReset) {
+  Simulator simulator(smallScene());
+  const std::uint64_t hash = runStroke(simulator);
+  simulator.reset();
+  EXPECT_EQ(simulator.paper().inkVolume(), 0.0);
+  EXPECT_EQ(simulator.report().step_count, 0);
+  EXPECT_EQ(runStroke(simulator), hash);
+}
+
+TEST(Simulator, IsUnchangedByARefusedPose) {
+  Simulator with(smallScene()), without(smallScene());
+  for (int k = 0; k < kStrokePoses; ++k) {
+    HandlePose bad = strokePose(with, k);
+    bad.position.x() = std::nan("");
+    EXPECT_EQ(with.addPose(bad), PoseVerdict::kNotFinite);
+    with.addPose(strokePose(with, k));
+    EXPECT_EQ(with.addPose(strokePose(with, k)), PoseVerdict::kNotLater);
+    with.advance();
+    without.addPose(strokePose(without, k));
+    without.advance();
+  }
+  EXPECT_EQ(with.stateHash(), without.stateHash());
+}
+
+TEST(Simulator, DipsWipesAndClears) {
+  Simulator simulator(smallScene());
+  simulator.wipe();
+  EXPECT_EQ(simulator.report().ink_in_tip, 0.0);
+  runStroke(simulator);
+  EXPECT_EQ(simulator.paper().inkVolume(), 0.0);  // a dry brush leaves nothing
+  simulator.dip();
+  EXPECT_NEAR(simulator.report().ink_in_tip, simulator.report().ink_capacity, 1e-18);
+  Simulator wet(smallScene());
+  runStroke(wet);
+  EXPECT_GT(wet.paper().inkVolume(), 0.0);
+  wet.clearPaper();
+  EXPECT_EQ(wet.paper().inkVolume(), 0.0);
+}
+
+TEST(Simulator, PushesTheHandleUpWhilePressed) {
+  SimulatorParameters p = smallScene();
+  p.rods.gravity = 0;
+  Simulator simulator(p);
+  double highest = 0;
+  for (int k = 0; k < 90; ++k) {
+    simulator.addPose(strokePose(simulator, k));
+    simulator.advance();
+    highest = std::max(highest, simulator.handleWrench().force_P.z());
+  }
+  EXPECT_GT(highest, 1e-4);
+  EXPECT_LT(highest, 10.0);
+}
+
+TEST(Simulator, AllocatesNothingInAStep) {
+  Simulator simulator(smallScene());
+  long during = 0;
+  for (int k = 0; k < kStrokePoses; ++k) {
+    simulator.addPose(strokePose(simulator, k));
+    const long before = allocations;
+    simulator.advance();
+    // The first touch sizes the record of where each rod was drawn.
+    if (k > 60) during += allocations - before;
+  }
+  EXPECT_EQ(during, 0);
+}
+
+TEST(Simulator, NamesEveryBadParameterAtOnce) {
+  SimulatorParameters p;
+  p.brush.tip_length = -1;
+  p.rods.time_step = std::nan("");
+  p.rods.scheme = "leapfrog";
+  p.paper.px_per_mm = 1e9;
+  try {
+    Simulator simulator(p);
+    FAIL() << "accepted";
+  } catch (const ParameterError& error) {
+    ASSERT_EQ(error.problems().size(), 4U);
+    for (const char* name : {"brush/tip_length", "rods/time_step", "rods/scheme", "paper/px_per_mm"})
+      EXPECT_NE(std::string(error.what()).find(name), std::string::npos) << name;
+  }
+}
