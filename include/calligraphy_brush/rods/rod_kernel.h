@@ -1,49 +1,11 @@
 #pragma once
 
-#include <limits>
-
-#include "calligraphy_brush/common/lanes.h"
 #include "calligraphy_brush/rods/bending_law.h"
+#include "calligraphy_brush/rods/newton_step.h"
 #include "calligraphy_brush/rods/rod_batch.h"
 #include "calligraphy_brush/rods/time_integration.h"
 
 namespace calligraphy_brush {
-
-/// How hard a step is solved.
-struct SolverSettings {
-  double tolerance;            ///< error of an edge's direction [rad] at which a rod is done
-  int max_iterations;          ///< Newton iterations of a rod in a step
-  double contact_tolerance;    ///< residual of a contact [m] at which its multipliers are done
-  int max_multiplier_updates;  ///< solves with better multipliers in a step; 1: once
-};
-
-/// What a solve did, over the rods of a batch.
-struct SolveReport {
-  int iterations = 0;         ///< summed over rods
-  int most_iterations = 0;    ///< of one rod
-  int unconverged = 0;        ///< rods that ended at max_iterations
-  bool refused = false;       ///< NoPotential's floor was crossed; the state is as it was
-};
-
-/// A potential that sees single nodes, such as the sheet, has kPresent = true and
-///
-///   void beginPass();                               before the nodes of a rod are visited
-///   V add(int node, const Vec3<V>& way, Vec3<V>& gradient);
-///       its energy [J] where the node has moved by `way` since the step began; adds its gradient
-///       [N] and remembers what addHessian needs
-///   void addHessian(int node, Symmetric3<V>& hessian);   [N/m]
-///   MaskOf<V> pieceChanged();    whether the last pass over the nodes was on another piece of the
-///                                potential (touching or not, sticking or sliding) than the one before
-///   MaskOf<V> update(double tolerance, MaskOf<V> lanes);   better multipliers after a solve; the
-///                                lanes whose residual was above `tolerance` [m]
-///   void finish();                                  the step has ended
-///
-/// NoPotential is the absence of one, for rods above `floor` [m]. A step that would take a node
-/// below it is not taken at all, so that leaving out what is there never changes a result.
-struct NoPotential {
-  static constexpr bool kPresent = false;
-  double floor;
-};
 
 /// Implicit time step of straight, isotropic, free-tipped, inextensible rods, one a lane.
 ///
@@ -62,12 +24,15 @@ struct NoPotential {
 ///
 /// Twist is at rest in such a rod, and so is not computed (Bergou et al. 2008, section 5).
 template <class V, class BendingLaw, class Potential>
-class RodKernel {
+class RodKernel : public NewtonStep<RodKernel<V, BendingLaw, Potential>, V, Potential> {
+  using Base = NewtonStep<RodKernel, V, Potential>;
+  friend Base;
+  using Base::energy_, Base::kVector, Base::next_, Base::potential_, Base::real, Base::trial_;
+
  public:
-  using Real = RealOf<V>;
-  using Mask = MaskOf<V>;
-  using Vector = Vec3<V>;
-  static constexpr int kWidth = widthOf<V>;
+  using Real = typename Base::Real;
+  using Mask = typename Base::Mask;
+  using Vector = typename Base::Vector;
 
   /// Solves lanes `lane` .. lane + kWidth − 1 and moves their state to the end of the step.
   /// `wrench`, if not null, receives [force x y z, torque x y z about `pivot`][lane] that each rod
@@ -84,8 +49,9 @@ class RodKernel {
   RodKernel(const RodBatchModel<Real>& model, const RodBatchRoots<Real>& roots,
             const StepCoefficients& step, double gravity, int lane, Potential& potential,
             RodBatchWorkspace<Real>& workspace, RodBatchState<Real>& state)
-      : n_(model.node_count),
-        rods_here_(model.rod_count - lane),
+      : Base(potential, model.rod_count - lane, workspace.trial_edge.data() + lane,
+             workspace.next_edge.data() + lane),
+        n_(model.node_count),
         spring_(model.spring.data() + lane),
         mass_(model.mass.data() + lane),
         edge_(state.edge.data() + lane),
@@ -95,13 +61,10 @@ class RodKernel {
         previous_velocity_(state.previous_velocity.data() + lane),
         target_(workspace.target.data() + lane),
         gradient_(workspace.gradient.data() + lane),
-        trial_(workspace.trial_edge.data() + lane),
-        next_(workspace.next_edge.data() + lane),
         update_(workspace.update.data() + lane),
         factor_(workspace.factor.data() + lane),
         step_(step),
         gravity_(gravity),
-        potential_(potential),
         length_(load<V>(model.edge_length.data() + lane)),
         inverse_length_(real(1) / length_),
         inverse_length_squared_(inverse_length_ * inverse_length_),
@@ -109,46 +72,7 @@ class RodKernel {
         root_displacement_(Vector::loadFrom(roots.displacement.data() + lane)),
         clamp_(Vector::loadFrom(roots.clamp.data() + lane)) {}
 
-  static CALLIGRAPHY_INLINE V real(double value) { return broadcast<V>(static_cast<Real>(value)); }
-  static constexpr int kVector = 3 * kLanes;  // distance of two nodes in a vector field
   static constexpr int kFactor = 18 * kLanes;
-
-  SolveReport run(const SolverSettings& settings, const double* pivot, Real* wrench) {
-    SolveReport report;
-    predict();
-    const V one = real(1);
-    const Mask nobody = V{} > one;
-    V iterations{};
-    Mask wanted = !nobody, converged = nobody;
-    for (int round = 0; round < settings.max_multiplier_updates; ++round) {
-      converged = select(wanted, newton(settings, wanted, iterations), converged);
-      if constexpr (!Potential::kPresent) {
-        break;
-      } else {
-        wanted = wanted & potential_.update(settings.contact_tolerance, wanted);
-        // The last solve stands, with the forces that it felt.
-        if (!any(wanted) || round + 1 == settings.max_multiplier_updates) break;
-        evaluate();
-      }
-    }
-    if constexpr (!Potential::kPresent) {
-      report.refused = any(lowestHeight() < real(potential_.floor));
-      if (report.refused) return report;
-    }
-    finish(pivot, wrench);
-
-    alignas(64) Real counts[kWidth];
-    alignas(64) Real done[kWidth];
-    store<V>(counts, iterations);
-    store<V>(done, select(converged, one, V{}));
-    for (int k = 0; k < kWidth && k < rods_here_; ++k) {
-      const int count = static_cast<int>(counts[k]);
-      report.iterations += count;
-      report.most_iterations = count > report.most_iterations ? count : report.most_iterations;
-      report.unconverged += done[k] == Real(0);
-    }
-    return report;
-  }
 
   /// Fills target_, and guesses the shape at the end of the step: edges go on turning as they did.
   void predict() {
@@ -202,62 +126,6 @@ class RodKernel {
       before = e;
     }
     energy_ = bending * length_ * length_ + inertia + contact;
-  }
-
-  /// Newton's method from trial_, whose energy and gradient are known, in the lanes `active`. Adds
-  /// to `iterations`. Returns the lanes that converged.
-  Mask newton(const SolverSettings& settings, Mask active, V& iterations) {
-    // Newton's error after an update of size u is of the order of u²; below a few roundings of a
-    // direction no update can be told from noise.
-    const double rounding = 32.0 * static_cast<double>(std::numeric_limits<Real>::epsilon());
-    const double least = rounding * rounding;
-    const V tolerance = real(settings.tolerance > least ? settings.tolerance : least);
-    const V zero{}, one = real(1);
-    Mask converged = zero > one;
-    for (int iteration = 0; iteration < settings.max_iterations; ++iteration) {
-      iterations = iterations + select(active, one, zero);
-      V decrement{};
-      // As near to Newton as the curvature allows: a majorant creeps where a rod buckles.
-      V majorant{};
-      Mask failed = active & sweep(majorant, decrement);
-      for (const double part : {0.1, 0.4, 1.0}) {
-        if (!any(failed)) break;
-        majorant = select(failed, real(part), majorant);
-        failed = failed & sweep(majorant, decrement);
-      }
-
-      const V energy_before = energy_;
-      V scale = select(active, one, zero);
-      const V largest = solveForUpdate(scale);
-      // Where the update is tiny the energies differ by rounding only, and Newton is right; over a
-      // kink of the potential not even then.
-      Mask surely_downhill = largest <= real(1e-3);
-      if constexpr (Potential::kPresent)
-        surely_downhill = (largest * largest < tolerance) & !potential_.pieceChanged();
-      const V slack = real(16) * broadcast<V>(std::numeric_limits<Real>::epsilon()) * energy_before;
-      const auto isUphill = [&] {
-        return !(energy_ <= energy_before + slack - real(0.1) * scale * decrement);
-      };
-      Mask uphill = active & !surely_downhill & isUphill();
-      const Mask shortened = uphill;
-      for (int halving = 0; any(uphill); ++halving) {
-        // No way down at all: the lane keeps its shape, and says that it did not converge.
-        scale = select(uphill, halving < 30 ? scale * real(0.5) : zero, scale);
-        retryUpdate(scale);
-        uphill = uphill & (scale > zero) & isUphill();
-      }
-      Real* const accepted = next_;
-      next_ = trial_;
-      trial_ = accepted;
-
-      Mask done = (largest * largest < tolerance) & !shortened;
-      if constexpr (Potential::kPresent)
-        done = done & ((largest < tolerance) | !potential_.pieceChanged());
-      converged = converged | (active & done);
-      active = active & !done & (scale > zero);
-      if (!any(active)) break;
-    }
-    return converged;
   }
 
   /// Unit vectors that span the plane perpendicular to unit t.
@@ -466,16 +334,13 @@ class RodKernel {
   }
 
   int n_;
-  int rods_here_;
   const Real *spring_, *mass_;
   Real *edge_, *position_, *displacement_, *velocity_, *previous_velocity_;
-  Real *target_, *gradient_, *trial_, *next_, *update_, *factor_;
+  Real *target_, *gradient_, *update_, *factor_;
   const StepCoefficients& step_;
   double gravity_;
-  Potential& potential_;
   V length_, inverse_length_, inverse_length_squared_;
   Vector root_position_, root_displacement_, clamp_;
-  V energy_{};
 };
 
 }  // namespace calligraphy_brush

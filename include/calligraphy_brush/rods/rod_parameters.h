@@ -23,8 +23,9 @@ struct RodParameters {
   static void describe(Self& self, Visit& visit) {
     visit("time_step", self.time_step, Range{1e-6, 0.1}, "s",
           "Length of one time step, rounded to whole nanoseconds.");
-    visit("scheme", self.scheme, Choices{"backward_euler", "bdf2"}, "1",
-          "Time integration: backward Euler (first order, calms everything) or BDF2 (second order).");
+    visit("scheme", self.scheme, Choices{"backward_euler", "bdf2", "projection"}, "1",
+          "Time integration: backward Euler (first order, calms everything), BDF2 (second order) or the "
+          "explicit steps with projection of the original method, which need a time_step near 0.1 ms.");
     visit("precision", self.precision, Choices{"float", "double"}, "1",
           "Numbers in the solver; float is as accurate for steps of 0.5 ms and longer.");
     visit("bending_law", self.bending_law, Choices{"tangent", "sine"}, "1",

@@ -1,0 +1,179 @@
+#pragma once
+
+#include <limits>
+
+#include "calligraphy_brush/common/lanes.h"
+
+namespace calligraphy_brush {
+
+/// How hard a step is solved.
+struct SolverSettings {
+  double tolerance;            ///< error of an edge's direction [rad] at which a rod is done
+  int max_iterations;          ///< Newton iterations of a rod in a step
+  double contact_tolerance;    ///< residual of a contact [m] at which its multipliers are done
+  int max_multiplier_updates;  ///< solves with better multipliers in a step; 1: once
+};
+
+/// What a solve did, over the rods of a batch.
+struct SolveReport {
+  int iterations = 0;         ///< summed over rods
+  int most_iterations = 0;    ///< of one rod
+  int unconverged = 0;        ///< rods that ended at max_iterations
+  bool refused = false;       ///< NoPotential's floor was crossed; the state is as it was
+};
+
+/// A potential that sees single nodes, such as the sheet, has kPresent = true and
+///
+///   void beginPass();                               before the nodes of a rod are visited
+///   V add(int node, const Vec3<V>& way, Vec3<V>& gradient);
+///       its energy [J] where the node has moved by `way` since the step began; adds its gradient
+///       [N] and remembers what addHessian needs
+///   void addHessian(int node, Symmetric3<V>& hessian);   [N/m]
+///   MaskOf<V> pieceChanged();    whether the last pass over the nodes was on another piece of the
+///                                potential (touching or not, sticking or sliding) than the one before
+///   MaskOf<V> update(double tolerance, MaskOf<V> lanes);   better multipliers after a solve; the
+///                                lanes whose residual was above `tolerance` [m]
+///   void finish();                                  the step has ended
+///
+/// NoPotential is the absence of one, for rods above `floor` [m]. A step that would take a node
+/// below it is not taken at all, so that leaving out what is there never changes a result.
+struct NoPotential {
+  static constexpr bool kPresent = false;
+  double floor;
+};
+
+/// The part of an implicit step that does not ask what a rod is: Newton's method with an energy line
+/// search, lane by lane, and the rounds of better multipliers around it.
+///
+/// A kernel K derives from NewtonStep<K, V, Potential> and has
+///
+///   void predict();           sets trial_, a guess of the shape, and evaluates there
+///   void evaluate();          energy_ and the gradient at trial_
+///   Mask sweep(V majorant, V& decrement);
+///       factors the Newton system; majorant blends its matrix (0) with a positive definite one above
+///       it (1). Gives gᵀH⁻¹g and the lanes where the matrix was not positive definite
+///   V solveForUpdate(V scale);  next_ = trial_ + scale · Newton's update, evaluated; trial_ itself, to
+///                               the bit, where scale is 0. Returns the largest turn of an edge [rad]
+///   void retryUpdate(V scale);  the same with the update that is known
+///   V lowestHeight();           of a node of trial_ [m]
+///   void finish(const double* pivot, Real* wrench);   moves the state to the end of the step
+///
+/// A lane that is done is no longer changed, so what a rod does never depends on its neighbours.
+template <class Kernel, class V, class Potential>
+class NewtonStep {
+ public:
+  using Real = RealOf<V>;
+  using Mask = MaskOf<V>;
+  using Vector = Vec3<V>;
+  static constexpr int kWidth = widthOf<V>;
+
+ protected:
+  NewtonStep(Potential& potential, int rods_here, Real* trial, Real* next)
+      : potential_(potential), rods_here_(rods_here), trial_(trial), next_(next) {}
+
+  static CALLIGRAPHY_INLINE V real(double value) { return broadcast<V>(static_cast<Real>(value)); }
+  static constexpr int kVector = 3 * kLanes;  // distance of two nodes in a vector field
+
+  SolveReport run(const SolverSettings& settings, const double* pivot, Real* wrench) {
+    SolveReport report;
+    self().predict();
+    const V one = real(1);
+    const Mask nobody = V{} > one;
+    V iterations{};
+    Mask wanted = !nobody, converged = nobody;
+    for (int round = 0; round < settings.max_multiplier_updates; ++round) {
+      converged = select(wanted, newton(settings, wanted, iterations), converged);
+      if constexpr (!Potential::kPresent) {
+        break;
+      } else {
+        wanted = wanted & potential_.update(settings.contact_tolerance, wanted);
+        // The last solve stands, with the forces that it felt.
+        if (!any(wanted) || round + 1 == settings.max_multiplier_updates) break;
+        self().evaluate();
+      }
+    }
+    if constexpr (!Potential::kPresent) {
+      report.refused = any(self().lowestHeight() < real(potential_.floor));
+      if (report.refused) return report;
+    }
+    self().finish(pivot, wrench);
+
+    alignas(64) Real counts[kWidth];
+    alignas(64) Real done[kWidth];
+    store<V>(counts, iterations);
+    store<V>(done, select(converged, one, V{}));
+    for (int k = 0; k < kWidth && k < rods_here_; ++k) {
+      const int count = static_cast<int>(counts[k]);
+      report.iterations += count;
+      report.most_iterations = count > report.most_iterations ? count : report.most_iterations;
+      report.unconverged += done[k] == Real(0);
+    }
+    return report;
+  }
+
+  /// Newton's method from trial_, whose energy and gradient are known, in the lanes `active`. Adds
+  /// to `iterations`. Returns the lanes that converged.
+  Mask newton(const SolverSettings& settings, Mask active, V& iterations) {
+    // Newton's error after an update of size u is of the order of u²; below a few roundings of a
+    // direction no update can be told from noise.
+    const double rounding = 32.0 * static_cast<double>(std::numeric_limits<Real>::epsilon());
+    const double least = rounding * rounding;
+    const V tolerance = real(settings.tolerance > least ? settings.tolerance : least);
+    const V zero{}, one = real(1);
+    Mask converged = zero > one;
+    for (int iteration = 0; iteration < settings.max_iterations; ++iteration) {
+      iterations = iterations + select(active, one, zero);
+      V decrement{};
+      // As near to Newton as the curvature allows: a majorant creeps where a rod buckles.
+      V majorant{};
+      Mask failed = active & self().sweep(majorant, decrement);
+      for (const double part : {0.1, 0.4, 1.0}) {
+        if (!any(failed)) break;
+        majorant = select(failed, real(part), majorant);
+        failed = failed & self().sweep(majorant, decrement);
+      }
+
+      const V energy_before = energy_;
+      V scale = select(active, one, zero);
+      const V largest = self().solveForUpdate(scale);
+      // Where the update is tiny the energies differ by rounding only, and Newton is right; over a
+      // kink of the potential not even then.
+      Mask surely_downhill = largest <= real(1e-3);
+      if constexpr (Potential::kPresent)
+        surely_downhill = (largest * largest < tolerance) & !potential_.pieceChanged();
+      const V slack = real(16) * broadcast<V>(std::numeric_limits<Real>::epsilon()) * energy_before;
+      const auto isUphill = [&] {
+        return !(energy_ <= energy_before + slack - real(0.1) * scale * decrement);
+      };
+      Mask uphill = active & !surely_downhill & isUphill();
+      const Mask shortened = uphill;
+      for (int halving = 0; any(uphill); ++halving) {
+        // No way down at all: the lane keeps its shape, and says that it did not converge.
+        scale = select(uphill, halving < 30 ? scale * real(0.5) : zero, scale);
+        self().retryUpdate(scale);
+        uphill = uphill & (scale > zero) & isUphill();
+      }
+      Real* const accepted = next_;
+      next_ = trial_;
+      trial_ = accepted;
+
+      Mask done = (largest * largest < tolerance) & !shortened;
+      if constexpr (Potential::kPresent)
+        done = done & ((largest < tolerance) | !potential_.pieceChanged());
+      converged = converged | (active & done);
+      active = active & !done & (scale > zero);
+      if (!any(active)) break;
+    }
+    return converged;
+  }
+
+  Potential& potential_;
+  int rods_here_;    // lanes from here on that hold a rod
+  Real *trial_, *next_;
+  V energy_{};
+
+ private:
+  CALLIGRAPHY_INLINE Kernel& self() { return static_cast<Kernel&>(*this); }
+};
+
+}  // namespace calligraphy_brush
