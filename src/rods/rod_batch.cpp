@@ -7,21 +7,26 @@ namespace {
 
 std::size_t size(int rows) { return static_cast<std::size_t>(rows) * kLanes; }
 
+/// Lanes beyond the last rod hold it once more.
+const RodModel& rodInLane(const std::vector<RodModel>& rods, const std::vector<int>& indices, int lane) {
+  const auto k = std::min(static_cast<std::size_t>(lane), indices.size() - 1);
+  return rods[static_cast<std::size_t>(indices[k])];
+}
+
 }  // namespace
 
 template <class Real>
-RodBatchModel<Real> makeRodBatchModel(const std::vector<RodModel>& rods, int first) {
+RodBatchModel<Real> makeRodBatchModel(const std::vector<RodModel>& rods, const std::vector<int>& indices) {
   RodBatchModel<Real> model;
-  const int last = static_cast<int>(rods.size()) - 1;
-  const int n = rods[static_cast<std::size_t>(first)].nodeCount();
+  const int n = rodInLane(rods, indices, 0).nodeCount();
   model.node_count = n;
-  model.rod_count = std::min(kLanes, last - first + 1);
+  model.rod_count = static_cast<int>(indices.size());
   model.edge_length.resize(size(1));
   model.spring.resize(size(n - 1));
   model.mass.resize(size(n));
   model.stiffness.resize(size(n));
   for (int lane = 0; lane < kLanes; ++lane) {
-    const RodModel& rod = rods[static_cast<std::size_t>(std::min(first + lane, last))];
+    const RodModel& rod = rodInLane(rods, indices, lane);
     const auto at = [lane](int node) { return static_cast<std::size_t>(node * kLanes + lane); };
     const double l = rod.length / (n - 1);
     model.edge_length[at(0)] = static_cast<Real>(l);
@@ -70,8 +75,49 @@ RodBatchWorkspace<Real> makeRodBatchWorkspace(int node_count) {
 }
 
 template <class Real>
+FramedRods<Real> makeFramedRods(const std::vector<RodModel>& rods, const std::vector<int>& indices) {
+  FramedRods<Real> framed;
+  const int n = rodInLane(rods, indices, 0).nodeCount();
+  framed.joint.resize(size(6 * n));
+  framed.frame.resize(size(4 * (n - 1)));
+  framed.trial_frame.resize(size(4 * (n - 1)));
+  framed.next_frame.resize(size(4 * (n - 1)));
+  framed.clamp_frame.resize(size(4));
+  framed.end_frame.resize(size(4));
+  framed.end_position.resize(size(3));
+  framed.tether_stiffness.resize(size(1));
+  framed.tether_multiplier.resize(size(3));
+  framed.update.resize(size(3 * (n - 1)));
+  framed.factor.resize(size(27 * (n - 1)));
+  for (int lane = 0; lane < kLanes; ++lane) {
+    const RodModel& rod = rodInLane(rods, indices, lane);
+    const double l = rod.length / (n - 1);
+    for (int node = 0; node < n; ++node) {
+      // Both clamps have half a Voronoi length, as in makeRodBatchModel.
+      const bool is_end = node == n - 1;
+      if (is_end && !rod.end_clamped) break;
+      const auto i = static_cast<std::size_t>(is_end ? n - 2 : node);
+      const double voronoi = node == 0 || is_end ? 0.5 * l : l;
+      const double bending = rod.bending_stiffness[i];
+      const double second = rod.bending_stiffness_2.empty() ? bending : rod.bending_stiffness_2[i];
+      // Free twist still needs one shape: a little stiffness makes it the untwisted one.
+      const double twisting = rod.twisting_stiffness.empty() ? 1e-3 * bending : rod.twisting_stiffness[i];
+      const Eigen::Vector3d rest =
+          rod.natural_strain.empty() ? Eigen::Vector3d(0, 0, 0) : Eigen::Vector3d(rod.natural_strain[i] * voronoi);
+      const double values[6] = {bending / voronoi, second / voronoi, twisting / voronoi, rest[0], rest[1], rest[2]};
+      for (int k = 0; k < 6; ++k)
+        framed.joint[size(6 * node + k) + static_cast<std::size_t>(lane)] = static_cast<Real>(values[k]);
+    }
+    if (rod.end_clamped)
+      framed.tether_stiffness[static_cast<std::size_t>(lane)] =
+          static_cast<Real>(100.0 * rod.bending_stiffness.back() / (l * l * l));
+  }
+  return framed;
+}
+
+template <class Real>
 void placeAtRest(const RodBatchModel<Real>& model, const RodBatchRoots<Real>& roots,
-                 RodBatchState<Real>& state) {
+                 RodBatchState<Real>& state, FramedRods<Real>* framed) {
   for (auto* field : {&state.displacement, &state.velocity, &state.previous_velocity})
     std::fill(field->begin(), field->end(), Real(0));
   for (std::size_t i = 0; i < size(3); ++i) {
@@ -83,15 +129,24 @@ void placeAtRest(const RodBatchModel<Real>& model, const RodBatchRoots<Real>& ro
       state.position[size(3 * (edge + 1)) + i] = position;
     }
   }
+  if (!framed) return;
+  for (int edge = 0; edge < model.node_count - 1; ++edge)
+    std::copy(framed->clamp_frame.begin(), framed->clamp_frame.end(),
+              framed->frame.begin() + static_cast<std::ptrdiff_t>(size(4 * edge)));
+  framed->end_frame = framed->clamp_frame;
+  std::copy(state.position.end() - static_cast<std::ptrdiff_t>(size(3)), state.position.end(),
+            framed->end_position.begin());
+  std::fill(framed->tether_multiplier.begin(), framed->tether_multiplier.end(), Real(0));
 }
 
-#define CALLIGRAPHY_INSTANTIATE(Real)                                                       \
-  template RodBatchModel<Real> makeRodBatchModel(const std::vector<RodModel>&, int);        \
-  template RodBatchState<Real> makeRodBatchState(const RodBatchModel<Real>&);               \
-  template RodBatchRoots<Real> makeRodBatchRoots();                                         \
-  template RodBatchWorkspace<Real> makeRodBatchWorkspace(int);                              \
-  template void placeAtRest(const RodBatchModel<Real>&, const RodBatchRoots<Real>&,         \
-                            RodBatchState<Real>&);
+#define CALLIGRAPHY_INSTANTIATE(Real)                                                                  \
+  template RodBatchModel<Real> makeRodBatchModel(const std::vector<RodModel>&, const std::vector<int>&); \
+  template FramedRods<Real> makeFramedRods(const std::vector<RodModel>&, const std::vector<int>&);       \
+  template RodBatchState<Real> makeRodBatchState(const RodBatchModel<Real>&);                          \
+  template RodBatchRoots<Real> makeRodBatchRoots();                                                    \
+  template RodBatchWorkspace<Real> makeRodBatchWorkspace(int);                                         \
+  template void placeAtRest(const RodBatchModel<Real>&, const RodBatchRoots<Real>&,                    \
+                            RodBatchState<Real>&, FramedRods<Real>*);
 CALLIGRAPHY_INSTANTIATE(float)
 CALLIGRAPHY_INSTANTIATE(double)
 #undef CALLIGRAPHY_INSTANTIATE

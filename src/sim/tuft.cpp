@@ -5,10 +5,12 @@
 #include <cmath>
 #include <functional>
 #include <limits>
+#include <memory>
 #include <stdexcept>
 #include <vector>
 
 #include "calligraphy_brush/common/thread_pool.h"
+#include "calligraphy_brush/sim/projection_tuft.h"
 #include "calligraphy_brush/sim/rod_step.h"
 
 namespace calligraphy_brush {
@@ -28,21 +30,16 @@ class TuftOf : public Tuft {
         first_coefficients_(stepCoefficients(Scheme::kBackwardEuler, rods.time_step, rods.damping)),
         settings_{rods.tolerance, rods.max_iterations, contact.tolerance, contact.multiplier_updates},
         has_paper_(contact.paper) {
-    const int rod_count = static_cast<int>(brush_.rods.size());
-    for (int first = 0; first < rod_count; first += kLanes) {
-      Batch batch;
-      batch.model = makeRodBatchModel<Real>(brush_.rods, first);
-      batch.state = makeRodBatchState(batch.model);
-      batch.roots = makeRodBatchRoots<Real>();
-      batch.contact = makePaperContactState<Real>(batch.model.node_count);
-      batch.contact.friction = static_cast<Real>(contact.paper_friction);
-      for (std::size_t i = 0; i < batch.contact.stiffness.size(); ++i)
-        batch.contact.stiffness[i] =
-            static_cast<Real>(contact.stiffness * (coefficients_.inertia * double(batch.model.mass[i]) +
-                                                   double(batch.model.stiffness[i])));
-      batch.wrench.resize(6 * kLanes);
-      batch.root_position.resize(static_cast<std::size_t>(batch.model.rod_count));
-      batches_.push_back(std::move(batch));
+    // Rods that need material frames are kept apart: the others are far cheaper.
+    place_.resize(brush_.rods.size());
+    for (const bool framed : {false, true}) {
+      std::vector<int> indices;
+      for (std::size_t rod = 0; rod < brush_.rods.size(); ++rod)
+        if (brush_.rods[rod].needsFrames() == framed) indices.push_back(static_cast<int>(rod));
+      for (std::size_t first = 0; first < indices.size(); first += kLanes) {
+        const auto end = indices.begin() + static_cast<std::ptrdiff_t>(std::min(first + kLanes, indices.size()));
+        addBatch({indices.begin() + static_cast<std::ptrdiff_t>(first), end}, framed, contact);
+      }
     }
     for (int thread = 0; thread < pool_.threadCount(); ++thread)
       workspaces_.push_back(makeRodBatchWorkspace<Real>(brush_.rods.front().nodeCount()));
@@ -55,14 +52,37 @@ class TuftOf : public Tuft {
     for (std::size_t b = 0; b < batches_.size(); ++b) {
       Batch& batch = batches_[b];
       moveRoots(b, X_PH, true);
-      placeAtRest(batch.model, batch.roots, batch.state);
+      placeAtRest(batch.model, batch.roots, batch.state, batch.framed.get());
       for (auto* field : {&batch.contact.multiplier, &batch.contact.offset, &batch.contact.force})
         std::fill(field->begin(), field->end(), Real(0));
       std::fill(batch.wrench.begin(), batch.wrench.end(), Real(0));
       std::fill(batch.contact.engaged.begin(), batch.contact.engaged.end(), char(0));
+      batch.load.clear();
       lookAtPaper(batch);
     }
     has_history_ = false;
+  }
+
+  void moveEnd(int rod, const Eigen::Isometry3d& X_PE) override {
+    const Place& place = placeOf(rod);
+    if (!brush_.rods[static_cast<std::size_t>(rod)].end_clamped)
+      throw std::invalid_argument("rod " + std::to_string(rod) + " has no far clamp");
+    FramedRods<Real>& framed = *batches_[place.batch].framed;
+    // Lanes beyond the last rod follow it.
+    const bool is_last = place.lane + 1 == batches_[place.batch].rods.size();
+    for (std::size_t lane = place.lane; lane < (is_last ? kLanes : place.lane + 1); ++lane) {
+      for (int i = 0; i < 3; ++i)
+        framed.end_position[static_cast<std::size_t>(i * kLanes) + lane] = static_cast<Real>(X_PE.translation()[i]);
+      writeRotation(X_PE.linear(), static_cast<int>(lane), framed.end_frame);
+    }
+  }
+  Eigen::Vector3d endForce(int rod) const override {
+    const Place& place = placeOf(rod);
+    Eigen::Vector3d force(0, 0, 0);
+    if (batches_[place.batch].framed)
+      for (int i = 0; i < 3; ++i)
+        force[i] = double(batches_[place.batch].framed->tether_multiplier[static_cast<std::size_t>(i * kLanes) + place.lane]);
+    return force;
   }
 
   TuftReport step(const Eigen::Isometry3d& X_PH) override {
@@ -81,6 +101,14 @@ class TuftOf : public Tuft {
     return report;
   }
 
+  void setNodeForce(int rod, int node, const Eigen::Vector3d& force) override {
+    const Place& place = placeOf(rod);
+    Batch& batch = batches_[place.batch];
+    batch.load.resize(batch.state.velocity.size());
+    for (int i = 0; i < 3; ++i)
+      batch.load[static_cast<std::size_t>((node * 3 + i) * kLanes) + place.lane] = static_cast<Real>(force[i]);
+  }
+
   Eigen::Vector3d nodePosition(int rod, int node) const override {
     return vectorAt(batchOf(rod).state.position, rod, node);
   }
@@ -90,12 +118,12 @@ class TuftOf : public Tuft {
   Eigen::Matrix<double, 6, 1> rodWrench(int rod) const override {
     Eigen::Matrix<double, 6, 1> wrench;
     for (int i = 0; i < 6; ++i)
-      wrench[i] = double(batchOf(rod).wrench[static_cast<std::size_t>(i * kLanes + rod % kLanes)]);
+      wrench[i] = double(batchOf(rod).wrench[static_cast<std::size_t>(i * kLanes) + placeOf(rod).lane]);
     return wrench;
   }
   RodOnPaper rodOnPaper(int rod) const override {
     const Batch& batch = batchOf(rod);
-    const auto lane = static_cast<std::size_t>(rod % kLanes);
+    const std::size_t lane = placeOf(rod).lane;
     return {double(batch.lowest[lane]), batch.touching[lane]};
   }
   void readRod(int rod, std::vector<Eigen::Vector3d>& nodes) const override {
@@ -111,27 +139,64 @@ class TuftOf : public Tuft {
            {&batch.state.edge, &batch.state.position, &batch.state.displacement, &batch.state.velocity,
             &batch.state.previous_velocity, &batch.contact.multiplier, &batch.contact.offset})
         seed = hashBytes(field->data(), field->size() * sizeof(Real), seed);
+    for (const Batch& batch : batches_)
+      if (batch.framed) seed = hashBytes(batch.framed->frame.data(), batch.framed->frame.size() * sizeof(Real), seed);
     return seed;
   }
 
  private:
   struct Batch {
+    std::vector<int> rods;  // that are in its lanes
     RodBatchModel<Real> model;
     RodBatchState<Real> state;
     RodBatchRoots<Real> roots;
+    std::unique_ptr<FramedRods<Real>> framed;  // null: straight, isotropic, free-tipped rods
     PaperContactState<Real> contact;
     AlignedVector<Real> wrench;
+    AlignedVector<Real> load;  // on nodes [N], [node][3][lane]; empty where there is none
     std::vector<Eigen::Vector3d> root_position;  // double: what it moves in a step is a small difference
     std::array<Real, kLanes> lowest;
     std::array<int, kLanes> touching;
     SolveReport report;
   };
 
-  const Batch& batchOf(int rod) const { return batches_[static_cast<std::size_t>(rod / kLanes)]; }
+  void addBatch(const std::vector<int>& rods, bool framed, const ContactParameters& contact) {
+    Batch batch;
+    batch.rods = rods;
+    batch.model = makeRodBatchModel<Real>(brush_.rods, rods);
+    batch.state = makeRodBatchState(batch.model);
+    batch.roots = makeRodBatchRoots<Real>();
+    if (framed) batch.framed = std::make_unique<FramedRods<Real>>(makeFramedRods<Real>(brush_.rods, rods));
+    batch.contact = makePaperContactState<Real>(batch.model.node_count);
+    batch.contact.friction = static_cast<Real>(contact.paper_friction);
+    for (std::size_t i = 0; i < batch.contact.stiffness.size(); ++i)
+      batch.contact.stiffness[i] =
+          static_cast<Real>(contact.stiffness * (coefficients_.inertia * double(batch.model.mass[i]) +
+                                                 double(batch.model.stiffness[i])));
+    batch.wrench.resize(6 * kLanes);
+    batch.root_position.resize(rods.size());
+    for (std::size_t lane = 0; lane < rods.size(); ++lane)
+      place_[static_cast<std::size_t>(rods[lane])] = {batches_.size(), lane};
+    batches_.push_back(std::move(batch));
+  }
 
-  static Eigen::Vector3d vectorAt(const AlignedVector<Real>& field, int rod, int node) {
-    const auto at = static_cast<std::size_t>(node * 3 * kLanes + rod % kLanes);
+  /// Where a rod is: its batch, and its lane there.
+  struct Place {
+    std::size_t batch, lane;
+  };
+  const Place& placeOf(int rod) const { return place_[static_cast<std::size_t>(rod)]; }
+  const Batch& batchOf(int rod) const { return batches_[placeOf(rod).batch]; }
+
+  Eigen::Vector3d vectorAt(const AlignedVector<Real>& field, int rod, int node) const {
+    const auto at = static_cast<std::size_t>(node * 3 * kLanes) + placeOf(rod).lane;
     return {double(field[at]), double(field[at + kLanes]), double(field[at + 2 * kLanes])};
+  }
+
+  static void writeRotation(const Eigen::Matrix3d& R, int lane, AlignedVector<Real>& field) {
+    const Eigen::Quaterniond q(R);
+    const double values[4] = {q.w(), q.x(), q.y(), q.z()};
+    for (int i = 0; i < 4; ++i)
+      field[static_cast<std::size_t>(i * kLanes + lane)] = static_cast<Real>(values[i]);
   }
 
   void moveRoots(std::size_t b, const Eigen::Isometry3d& X_PH, bool placing) {
@@ -139,7 +204,7 @@ class TuftOf : public Tuft {
     const int rod_count = batch.model.rod_count;
     for (int lane = 0; lane < kLanes; ++lane) {
       const int k = std::min(lane, rod_count - 1);
-      const RodModel& rod = brush_.rods[b * kLanes + static_cast<std::size_t>(k)];
+      const RodModel& rod = brush_.rods[static_cast<std::size_t>(batch.rods[static_cast<std::size_t>(k)])];
       Eigen::Vector3d& old = batch.root_position[static_cast<std::size_t>(k)];
       const Eigen::Vector3d position = X_PH * rod.root_H;
       const Eigen::Vector3d way = placing ? Eigen::Vector3d(0, 0, 0) : Eigen::Vector3d(position - old);
@@ -154,15 +219,38 @@ class TuftOf : public Tuft {
     }
     for (int k = 0; k < rod_count; ++k)
       batch.root_position[static_cast<std::size_t>(k)] =
-          X_PH * brush_.rods[b * kLanes + static_cast<std::size_t>(k)].root_H;
+          X_PH * brush_.rods[static_cast<std::size_t>(batch.rods[static_cast<std::size_t>(k)])].root_H;
+    if (batch.framed)
+      for (int lane = 0; lane < kLanes; ++lane) {
+        const RodModel& rod =
+            brush_.rods[static_cast<std::size_t>(batch.rods[static_cast<std::size_t>(std::min(lane, rod_count - 1))])];
+        Eigen::Matrix3d R;
+        R.col(2) = rod.direction_H;
+        R.col(0) = (rod.director_H - rod.director_H.dot(rod.direction_H) * rod.direction_H).normalized();
+        R.col(1) = R.col(2).cross(R.col(0));
+        writeRotation(X_PH.linear() * R, lane, batch.framed->clamp_frame);
+      }
   }
 
   void solve(Batch& batch, RodBatchWorkspace<Real>& workspace) {
-    batch.report = kernel_(RodStep<Real>{batch.model, batch.roots,
-                                         has_history_ ? coefficients_ : first_coefficients_, settings_, law_,
-                                         gravity_, pivot_.data(), has_paper_ ? &batch.contact : nullptr,
+    const StepCoefficients& coefficients = has_history_ ? coefficients_ : first_coefficients_;
+    addLoad(batch, coefficients, Real(1), batch.state.velocity);
+    batch.report = kernel_(RodStep<Real>{batch.model, batch.roots, coefficients, settings_, law_,
+                                         gravity_, pivot_.data(), has_paper_ ? &batch.contact : nullptr, batch.framed.get(),
                                          batch.state, workspace, batch.wrench.data()});
+    addLoad(batch, coefficients, Real(-1), batch.state.previous_velocity);
     lookAtPaper(batch);
+  }
+
+  /// A load F moves a node's target by F/(m · inertia), and so does a change of the velocity that the
+  /// step starts from by F/(m · inertia · velocity). Put in before the step and taken out of the
+  /// history after it, it costs the kernel nothing.
+  static void addLoad(const Batch& batch, const StepCoefficients& coefficients, Real sign,
+                      AlignedVector<Real>& velocity) {
+    const Real scale = sign / static_cast<Real>(coefficients.inertia * coefficients.velocity);
+    for (std::size_t i = 0; i < batch.load.size(); ++i)
+      if (batch.load[i] != Real(0))
+        velocity[i] += scale * batch.load[i] / batch.model.mass[i / (3 * kLanes) * kLanes + i % kLanes];
   }
 
   static void lookAtPaper(Batch& batch) {
@@ -191,11 +279,22 @@ class TuftOf : public Tuft {
   bool has_history_ = false;
   std::array<double, 3> pivot_{};
   std::vector<Batch> batches_;
+  std::vector<Place> place_;  // of each rod
   std::vector<RodBatchWorkspace<Real>> workspaces_;
   std::function<void(int, int)> solve_;
 };
 
 }  // namespace
+
+void Tuft::moveEnd(int rod, const Eigen::Isometry3d&) {
+  throw std::invalid_argument("rod " + std::to_string(rod) + " has no far clamp");
+}
+
+void Tuft::setNodeForce(int, int, const Eigen::Vector3d&) {
+  throw std::invalid_argument(std::string("the ") + kernelName() + " scheme takes no loads on nodes");
+}
+
+Eigen::Vector3d Tuft::endForce(int) const { return {0, 0, 0}; }
 
 std::unique_ptr<Tuft> makeTuft(const BrushModel& brush, const RodParameters& rods,
                                const ContactParameters& contact) {
@@ -206,6 +305,7 @@ std::unique_ptr<Tuft> makeTuft(const BrushModel& brush, const RodParameters& rod
   for (const RodModel& rod : brush.rods)
     if (rod.nodeCount() != brush.rods.front().nodeCount() || rod.nodeCount() < 3)
       throw std::invalid_argument("all rods of a brush must have equally many nodes, at least 3");
+  if (rods.scheme == "projection") return std::make_unique<ProjectionTuft>(brush, rods, contact);
   if (rods.precision == "double") return std::make_unique<TuftOf<double>>(brush, rods, contact);
   return std::make_unique<TuftOf<float>>(brush, rods, contact);
 }

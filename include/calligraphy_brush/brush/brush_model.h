@@ -7,10 +7,11 @@
 
 namespace calligraphy_brush {
 
-/// One bundle of hairs as a straight isotropic elastic rod with n nodes, clamped at node 0.
+/// One bundle of hairs as an elastic rod with n nodes, clamped at node 0.
 ///
-/// Edges all have length length/(n − 1). The end is free. Hairs slide on each other, so a bundle's
-/// stiffness is the sum of its hairs'.
+/// Edges all have length length/(n − 1). Hairs slide on each other, so a bundle's stiffness is the
+/// sum of its hairs'. The rod is straight and isotropic and its end is free, unless the fields
+/// below say otherwise; only then does its twist matter.
 struct RodModel {
   double length = 0.0;                                       ///< [m]
   Eigen::Vector3d root_H = Eigen::Vector3d::Zero();          ///< node 0 in the handle frame [m]
@@ -19,6 +20,21 @@ struct RodModel {
   std::vector<double> node_mass;          ///< [kg], n values
   std::vector<double> node_radius;        ///< radius of the bundle there [m], n values
   double ink_capacity = 0.0;              ///< volume between the hairs [m³]
+
+  /// First director at the clamp, unit and perpendicular to direction_H, handle frame: the axis about
+  /// which bending_stiffness counts.
+  Eigen::Vector3d director_H = Eigen::Vector3d::UnitX();
+  std::vector<double> bending_stiffness_2;  ///< EI about the second director [N m²]; empty: the same
+  std::vector<double> twisting_stiffness;   ///< GJ [N m²]; empty: twist is free
+  /// Curvature about the first and the second director and twist at rest [1/m]; empty: straight.
+  std::vector<Eigen::Vector3d> natural_strain;
+  bool end_clamped = false;  ///< the far end is held in place and direction by Tuft::moveEnd
+
+  /// Whether material frames are needed: where everything about the axis is alike and nothing holds
+  /// the far end, twist is at rest.
+  bool needsFrames() const {
+    return end_clamped || !natural_strain.empty() || !bending_stiffness_2.empty();
+  }
 
   int nodeCount() const { return static_cast<int>(node_mass.size()); }
 };

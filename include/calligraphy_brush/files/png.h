@@ -18,8 +18,8 @@ struct GreyPicture {
 /// px_per_mm > 0 is stored as the print size of a pixel (chunk pHYs), in whole pixels per metre.
 /// Throws std::invalid_argument if mono8 has not width_px × height_px values or a side is < 1, and
 /// std::runtime_error with path and reason if the file cannot be written; then nothing is left behind.
-void writePng(const std::string& path, int width_px, int height_px, const std::vector<std::uint8_t>& mono8,
-              double px_per_mm = 0.0);
+void writePng(const std::string& path, int width_px, int height_px,
+              const std::vector<std::uint8_t>& mono8, double px_per_mm = 0.0);
 
 /// Reads any PNG as 8 bit grey. Throws std::runtime_error with path and reason.
 GreyPicture readPng(const std::string& path);

@@ -55,6 +55,8 @@ struct NoPotential {
 ///   V solveForUpdate(V scale);  next_ = trial_ + scale · Newton's update, evaluated; trial_ itself, to
 ///                               the bit, where scale is 0. Returns the largest turn of an edge [rad]
 ///   void retryUpdate(V scale);  the same with the update that is known
+///   static constexpr bool kConstrained;   whether it has constraints with multipliers of its own, and
+///   Mask updateConstraints(double tolerance, Mask lanes);   as Potential::update
 ///   V lowestHeight();           of a node of trial_ [m]
 ///   void finish(const double* pivot, Real* wrench);   moves the state to the end of the step
 ///
@@ -83,14 +85,14 @@ class NewtonStep {
     Mask wanted = !nobody, converged = nobody;
     for (int round = 0; round < settings.max_multiplier_updates; ++round) {
       converged = select(wanted, newton(settings, wanted, iterations), converged);
-      if constexpr (!Potential::kPresent) {
-        break;
-      } else {
-        wanted = wanted & potential_.update(settings.contact_tolerance, wanted);
-        // The last solve stands, with the forces that it felt.
-        if (!any(wanted) || round + 1 == settings.max_multiplier_updates) break;
-        self().evaluate();
-      }
+      Mask open = nobody;
+      if constexpr (Potential::kPresent) open = potential_.update(settings.contact_tolerance, wanted);
+      if constexpr (Kernel::kConstrained)
+        open = open | self().updateConstraints(settings.contact_tolerance, wanted);
+      wanted = wanted & open;
+      // The last solve stands, with the forces that it felt.
+      if (!any(wanted) || round + 1 == settings.max_multiplier_updates) break;
+      self().evaluate();
     }
     if constexpr (!Potential::kPresent) {
       report.refused = any(self().lowestHeight() < real(potential_.floor));
@@ -141,7 +143,8 @@ class NewtonStep {
       Mask surely_downhill = largest <= real(1e-3);
       if constexpr (Potential::kPresent)
         surely_downhill = (largest * largest < tolerance) & !potential_.pieceChanged();
-      const V slack = real(16) * broadcast<V>(std::numeric_limits<Real>::epsilon()) * energy_before;
+      const V slack = real(16) * broadcast<V>(std::numeric_limits<Real>::epsilon()) *
+                      max(energy_before, -energy_before);
       const auto isUphill = [&] {
         return !(energy_ <= energy_before + slack - real(0.1) * scale * decrement);
       };

@@ -50,9 +50,28 @@ struct RodBatchWorkspace {
   AlignedVector<Real> factor;      ///< basis and gains of the Riccati sweep, [edge][18][lane]
 };
 
-/// Rods first .. first + kLanes − 1 of a brush (fewer at its end). All have equally many nodes.
+/// What rods with material frames have besides. Quaternions as w, x, y, z.
 template <class Real>
-RodBatchModel<Real> makeRodBatchModel(const std::vector<RodModel>& rods, int first);
+struct FramedRods {
+  AlignedVector<Real> joint;              ///< EI₁/l̄, EI₂/l̄, GJ/l̄ [N m], κ̄₁, κ̄₂, m̄ [1], [joint][6][lane]
+  AlignedVector<Real> frame;              ///< material frame of an edge in the paper frame, [edge][4][lane]
+  AlignedVector<Real> clamp_frame;        ///< what the handle asks of it at the root, [4][lane]
+  AlignedVector<Real> end_frame;          ///< and the far clamp, if there is one, [4][lane]
+  AlignedVector<Real> end_position;       ///< [m], [3][lane]
+  AlignedVector<Real> tether_stiffness;   ///< of what holds the far end in place; 0: free [N/m], [lane]
+  AlignedVector<Real> tether_multiplier;  ///< force of the rod on the far clamp [N], [3][lane]
+
+  // Scratch of a step.
+  AlignedVector<Real> trial_frame, next_frame;  ///< [edge][4][lane]
+  AlignedVector<Real> update;                   ///< turns [rad], [edge][3][lane]
+  AlignedVector<Real> factor;                   ///< [edge][27][lane]
+};
+
+/// Rods of a brush by their indices, at most kLanes. All have equally many nodes.
+template <class Real>
+RodBatchModel<Real> makeRodBatchModel(const std::vector<RodModel>& rods, const std::vector<int>& indices);
+template <class Real>
+FramedRods<Real> makeFramedRods(const std::vector<RodModel>& rods, const std::vector<int>& indices);
 
 /// Sizes every array for a model, with zeros.
 template <class Real>
@@ -62,9 +81,9 @@ RodBatchRoots<Real> makeRodBatchRoots();
 template <class Real>
 RodBatchWorkspace<Real> makeRodBatchWorkspace(int node_count);
 
-/// Puts the rods, straight and at rest, onto the clamps.
+/// Puts the rods, straight and at rest, onto the clamps. `framed` may be null.
 template <class Real>
 void placeAtRest(const RodBatchModel<Real>& model, const RodBatchRoots<Real>& roots,
-                 RodBatchState<Real>& state);
+                 RodBatchState<Real>& state, FramedRods<Real>* framed);
 
 }  // namespace calligraphy_brush

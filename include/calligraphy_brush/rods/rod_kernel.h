@@ -27,6 +27,7 @@ template <class V, class BendingLaw, class Potential>
 class RodKernel : public NewtonStep<RodKernel<V, BendingLaw, Potential>, V, Potential> {
   using Base = NewtonStep<RodKernel, V, Potential>;
   friend Base;
+  static constexpr bool kConstrained = false;
   using Base::energy_, Base::kVector, Base::next_, Base::potential_, Base::real, Base::trial_;
 
  public:

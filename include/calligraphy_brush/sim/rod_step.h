@@ -3,6 +3,7 @@
 #include <string>
 
 #include "calligraphy_brush/contact/paper_contact.h"
+#include "calligraphy_brush/rods/framed_kernel.h"
 #include "calligraphy_brush/rods/rod_kernel.h"
 
 namespace calligraphy_brush {
@@ -20,6 +21,7 @@ struct RodStep {
   double gravity;                    ///< [m/s²]
   const double* pivot;               ///< point of the wrench's torque in the paper frame [m], 3
   PaperContactState<Real>* contact;  ///< null: there is no sheet
+  FramedRods<Real>* framed;          ///< null: rods that need no material frames
   RodBatchState<Real>& state;
   RodBatchWorkspace<Real>& workspace;
   Real* wrench;                      ///< see RodKernel::solve; may be null
@@ -57,6 +59,10 @@ SolveReport solveBatch(const RodStep<RealOf<V>>& step) {
   };
   for (int lane = 0; lane < step.model.rod_count; lane += widthOf<V>) {
     const auto solveWith = [&](auto& potential) {
+      if (step.framed)
+        return FramedKernel<V, std::decay_t<decltype(potential)>>::solve(
+            step.model, step.roots, *step.framed, step.coefficients, step.gravity, step.settings, lane,
+            potential, step.workspace, step.state, step.pivot, step.wrench ? step.wrench + lane : nullptr);
       return RodKernel<V, Law, std::decay_t<decltype(potential)>>::solve(
           step.model, step.roots, step.coefficients, step.gravity, step.settings, lane, potential,
           step.workspace, step.state, step.pivot, step.wrench ? step.wrench + lane : nullptr);

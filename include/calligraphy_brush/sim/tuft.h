@@ -34,8 +34,19 @@ class Tuft {
   /// Puts the rods, straight and at rest, onto a handle at X_PH.
   virtual void place(const Eigen::Isometry3d& X_PH) = 0;
 
+  /// Where the far clamp of a rod with end_clamped is from the next step on: its place, with the
+  /// third axis along the rod and the first its first director. Throws std::invalid_argument for
+  /// another rod. place() puts it at the end of the straight rod.
+  virtual void moveEnd(int rod, const Eigen::Isometry3d& X_PE);
+  /// Force of a rod on its far clamp after the last step [N]; zero where it has none.
+  virtual Eigen::Vector3d endForce(int rod) const;
+
   /// One time step, at the end of which the handle is at X_PH.
   virtual TuftReport step(const Eigen::Isometry3d& X_PH) = 0;
+
+  /// A load on a node [N] from the next step on, until it is set anew; place() takes all loads away.
+  /// Throws std::invalid_argument where the scheme takes none.
+  virtual void setNodeForce(int rod, int node, const Eigen::Vector3d& force);
 
   /// Positions of all nodes of a rod in the paper frame [m].
   virtual void readRod(int rod, std::vector<Eigen::Vector3d>& nodes) const = 0;

@@ -37,14 +37,17 @@ class BrushCurve {
   std::vector<BrushCurvePoint> points_;  // (0, 0, 0) first
 };
 
-/// Measures the curve by running the simulator: the upright brush, full of ink, is dragged along a
-/// straight line at 0.04 m/s and pressed deeper from stage to stage, up to `deepest` × tip length.
+/// Measures the curve by running the simulator: the brush, full of ink and leaning by `tilt` [rad] the
+/// way it goes, is dragged along a straight line at 0.04 m/s and pressed deeper from stage to stage, up
+/// to `deepest` × tip length.
 ///
 /// In each stage, after a drag over half the tip's length, the sheet is cleared: what two steps leave is
 /// the footprint, whose centroid gives the lag; what a further drag leaves between the two ends is the
 /// line, whose median width is taken. Ink counts where it is above 0.5 dark_thickness.
-/// 0 < deepest ≤ 0.8; stages ≥ 1. Throws ParameterError if the parameters are out of range and
-/// std::runtime_error if the brush leaves no line at any depth.
-BrushCurve measureBrushCurve(const SimulatorParameters& parameters, int stages = 10, double deepest = 0.4);
+/// With a tilt, depth and lag count from where and at what height the point of the undeformed brush is.
+/// 0 < deepest ≤ 0.8; stages ≥ 1; 0 ≤ tilt ≤ 1. Throws ParameterError if the parameters are out of range
+/// and std::runtime_error if the brush leaves no line at any depth.
+BrushCurve measureBrushCurve(const SimulatorParameters& parameters, double tilt = 0.0, int stages = 10,
+                             double deepest = 0.4);
 
 }  // namespace calligraphy_brush

@@ -36,13 +36,14 @@ class Schedule {
   /// A part of the motion: either free (cells first..last with a time for each node) or timed (way over
   /// time through knots).
   struct Piece {
-    double begin = 0.0, end = 0.0;          // [s]
-    std::size_t first = 0, last = 0;        // nodes
-    std::vector<double> node_time;          // free: of nodes first..last
-    std::vector<double> time, way, slope;   // timed: knots, in the times of the piece
+    double begin = 0.0, end = 0.0;         // [s]
+    std::size_t first = 0, last = 0;       // nodes
+    std::vector<double> node_time;         // free: of nodes first..last
+    std::vector<double> time, way, slope;  // timed: knots, in the times of the piece
   };
 
-  void sample(const WaypointCurve& curve, const std::vector<double>& speeds, const ScheduleLimits& limits);
+  void sample(const WaypointCurve& curve, const std::vector<double>& speeds,
+              const ScheduleLimits& limits);
   void limitSpeeds(std::size_t first, std::size_t last, double acceleration);
   double parameterAtWay(double way) const;
 

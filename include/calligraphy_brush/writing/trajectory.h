@@ -37,17 +37,19 @@ HandlePose handlePoseAt(const StrokePoint& point, double tip_length);
 /// `clearance` above the sheet, along the stroke by `run` × the height difference.
 ///
 /// Strokes given by width need `curve`, and the inverse of it gives the depth (+ what a tilt lifts the
-/// tip). With lag_compensation the handle goes to p + a t, where p is the place on the mark, t its direction
-/// averaged over turn_length, and
+/// tip). With lag_compensation the handle goes to p + a t, where p is the place on the mark, t its
+/// direction averaged over turn_length, and
 ///   a = min(lag(depth) (lead + (1 − lead) exp(−s / lag(depth))), L − s),
-/// s: length of the mark up to p, L: of all of it. So the tuft lies on the mark from the start, trails behind
-/// the handle in turns as a trailer does, and the handle ends over the end of the mark. At both ends the
-/// brush is pressed and raised with p in place. Wider than curve->maxWidth() is written with that.
+/// s: length of the mark up to p, L: of all of it. So the tuft lies on the mark from the start, trails
+/// behind the handle in turns as a trailer does, and the handle ends over the end of the mark. At both
+/// ends the brush is pressed and raised with p in place. Wider than curve->maxWidth() is written with
+/// that.
 ///
 /// Throws ParameterError (parameters out of range) and std::invalid_argument: no strokes, a stroke by
 /// width without a curve, a stroke without points, a time that would need more than 5 m/s.
-std::vector<HandlePose> planHandlePoses(const std::vector<Stroke>& strokes, const WritingParameters& parameters,
-                                        double tip_length, const BrushCurve* curve = nullptr);
+std::vector<HandlePose> planHandlePoses(const std::vector<Stroke>& strokes,
+                                        const WritingParameters& parameters, double tip_length,
+                                        const BrushCurve* curve = nullptr);
 
 /// Strokes by width of a character, from measureStroke. size: side of the em square [m]; origin: place
 /// of its lower left corner in the paper frame [m]; the other fields of the points are as in `defaults`.

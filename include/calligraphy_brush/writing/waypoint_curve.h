@@ -13,10 +13,10 @@ using Waypoint = Eigen::Matrix<double, 6, 1>;
 /// root of the distance between neighbours (centripetal: Yuksel, Schaefer & Keyser 2011,
 /// Parameterization and Applications of Catmull–Rom Curves).
 ///
-/// Tangents are those of the parabola through three neighbours, limited: (x, y) to three times the shorter
-/// of the neighbouring chords' slopes, each other component to the monotone cubic of Fritsch & Carlson
-/// 1980, so that nothing overshoots and waypoints at one place are a stop there. The distance of two
-/// waypoints is the Euclidean one, an angle counting as angle · `arm` [m].
+/// Tangents are those of the parabola through three neighbours, limited: (x, y) to three times the
+/// shorter of the neighbouring chords' slopes, each other component to the monotone cubic of Fritsch &
+/// Carlson 1980, so that nothing overshoots and waypoints at one place are a stop there. The distance of
+/// two waypoints is the Euclidean one, an angle counting as angle · `arm` [m].
 class WaypointCurve {
  public:
   /// Throws std::invalid_argument without waypoints. Equal neighbours are 1e-6 m apart in u.
@@ -46,14 +46,17 @@ std::vector<double> monotoneTangents(const std::vector<double>& x, const std::ve
 template <class Value>
 Value hermite(double t, double h, const Value& y0, const Value& m0, const Value& y1, const Value& m1) {
   const double s = t / h, r = 1.0 - s;
-  return (1.0 + 2.0 * s) * r * r * y0 + s * r * r * h * m0 + s * s * (3.0 - 2.0 * s) * y1 - s * s * r * h * m1;
+  return (1.0 + 2.0 * s) * r * r * y0 + s * r * r * h * m0 + s * s * (3.0 - 2.0 * s) * y1 -
+         s * s * r * h * m1;
 }
 
 /// Derivative of hermite with respect to t.
 template <class Value>
-Value hermiteSlope(double t, double h, const Value& y0, const Value& m0, const Value& y1, const Value& m1) {
+Value hermiteSlope(double t, double h, const Value& y0, const Value& m0, const Value& y1,
+                   const Value& m1) {
   const double s = t / h;
-  return 6.0 * s * (1.0 - s) / h * (y1 - y0) + (1.0 - s) * (1.0 - 3.0 * s) * m0 + s * (3.0 * s - 2.0) * m1;
+  return 6.0 * s * (1.0 - s) / h * (y1 - y0) + (1.0 - s) * (1.0 - 3.0 * s) * m0 +
+         s * (3.0 * s - 2.0) * m1;
 }
 
 }  // namespace calligraphy_brush

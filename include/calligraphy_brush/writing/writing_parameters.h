@@ -13,7 +13,7 @@ struct WritingParameters {
   double run = 0.25;
   bool lag_compensation = true;
   double lead = 0.5;
-  double lean = 0.0;
+  double lean = 0.2;
   double turn_length = 0.0015;
 
   template <class Self, class Visit>
@@ -29,10 +29,11 @@ struct WritingParameters {
     visit("lag_compensation", self.lag_compensation,
           "Whether strokes given by line width lead the handle ahead of the mark, for the tip trails.");
     visit("lead", self.lead, Range{0.0, 2.0}, "1",
-          "Lead of the handle over the lag of the footprint's middle, in the course of a stroke; 0.3 to 0.7 "
+          "Lead of the handle over the lag of the footprint's middle, in the course of a stroke; 0.3 to "
+          "0.7 "
           "gave the best likeness over six characters of different shape.");
     visit("lean", self.lean, Range{0.0, 1.0}, "rad",
-          "Tilt the way the stroke goes, added to that of strokes given by line width.");
+          "Tilt the way the stroke goes, of strokes given by line width in which no point has a tilt.");
     visit("turn_length", self.turn_length, Range{0.0, 0.1}, "m",
           "Half of the length of mark over which the lead ahead of it is averaged in a turn.");
   }

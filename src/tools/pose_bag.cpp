@@ -1,0 +1,120 @@
+#include "pose_bag.h"
+
+#include <geometry_msgs/PoseStamped.h>
+#include <rosbag/bag.h>
+#include <rosbag/view.h>
+#include <sys/stat.h>
+#include <tf2/buffer_core.h>
+#include <tf2/exceptions.h>
+#include <tf2_msgs/TFMessage.h>
+
+#include <cerrno>
+#include <cstring>
+#include <set>
+#include <stdexcept>
+
+#include "calligraphy_brush/files/atomic_file.h"
+#include "calligraphy_brush/ros/conversions.h"
+
+namespace calligraphy_brush {
+namespace {
+
+std::string withoutSlash(const std::string& name) {
+  return !name.empty() && name.front() == '/' ? name.substr(1) : name;
+}
+
+/// First line of a message: what rosbag throws can have several.
+std::string firstLine(const std::string& text) {
+  return text.substr(0, text.find('\n'));
+}
+
+/// Name of the topic as the bag has it.
+std::string findTopic(const std::string& path, const rosbag::Bag& bag, const std::string& topic) {
+  rosbag::View everything(bag);
+  std::map<std::string, std::string> types;
+  for (const rosbag::ConnectionInfo* connection : everything.getConnections())
+    types[connection->topic] = connection->datatype;
+  std::string known;
+  for (const auto& [name, type] : types) {
+    if (withoutSlash(name) == withoutSlash(topic)) {
+      if (type != ros::message_traits::datatype<geometry_msgs::PoseStamped>())
+        throw std::runtime_error(path + ": topic " + name + " is of type " + type +
+                                 ", not geometry_msgs/PoseStamped");
+      return name;
+    }
+    known += (known.empty() ? "" : ", ") + name;
+  }
+  throw std::runtime_error(path + ": no topic " + topic + "; there is " +
+                           (known.empty() ? "none" : known));
+}
+
+void readTransforms(const rosbag::Bag& bag, tf2::BufferCore& transforms) {
+  rosbag::View view(bag, rosbag::TopicQuery(std::vector<std::string>{"/tf", "/tf_static"}));
+  for (const rosbag::MessageInstance& message : view) {
+    const auto tree = message.instantiate<tf2_msgs::TFMessage>();
+    if (!tree) continue;
+    for (const auto& transform : tree->transforms)
+      transforms.setTransform(transform, "bag", message.getTopic() == "/tf_static");
+  }
+}
+
+}  // namespace
+
+void writePoseBag(const std::string& path, const std::vector<HandlePose>& poses,
+                  const std::string& frame) {
+  AtomicFile output(path);
+  try {
+    rosbag::Bag bag(output.temporaryPath(), rosbag::bagmode::Write);
+    bag.setCompression(rosbag::compression::BZ2);
+    std::uint32_t sequence = 0;
+    for (const HandlePose& pose : poses) {
+      geometry_msgs::PoseStamped message = toPoseStamped(pose, frame);
+      message.header.seq = sequence++;
+      bag.write("handle_pose", message.header.stamp, message);
+    }
+    bag.close();
+  } catch (const rosbag::BagException& error) {
+    throw std::runtime_error("cannot write " + path + ": " + firstLine(error.what()));
+  }
+  output.commit();
+}
+
+PoseBag readPoseBag(const std::string& path, const std::string& topic, const std::string& paper_frame) {
+  struct stat status {};
+  if (stat(path.c_str(), &status) != 0)
+    throw std::runtime_error("cannot read " + path + ": " + std::strerror(errno));
+  if (!S_ISREG(status.st_mode)) throw std::runtime_error("cannot read " + path + ": not a regular file");
+  PoseBag read;
+  try {
+    const rosbag::Bag bag(path, rosbag::bagmode::Read);
+    rosbag::View view(bag, rosbag::TopicQuery(findTopic(path, bag, topic)));
+    tf2::BufferCore transforms(ros::Duration(1e9));
+    readTransforms(bag, transforms);
+    for (const rosbag::MessageInstance& instance : view) {
+      const auto message = instance.instantiate<geometry_msgs::PoseStamped>();
+      HandlePose pose = toHandlePose(*message);
+      if (message->header.frame_id != paper_frame) {
+        try {
+          if (message->header.frame_id.empty()) throw tf2::LookupException("the pose names no frame");
+          const auto X_PF =
+              transforms.lookupTransform(paper_frame, message->header.frame_id, message->header.stamp);
+          const auto& p = X_PF.transform.translation;
+          const auto& q = X_PF.transform.rotation;
+          const Eigen::Quaterniond rotation(q.w, q.x, q.y, q.z);
+          pose.position = rotation * pose.position + Eigen::Vector3d(p.x, p.y, p.z);
+          pose.orientation = rotation * pose.orientation;
+        } catch (const tf2::TransformException&) {
+          ++read.unreachable["frame \"" + message->header.frame_id + "\" is not connected to \"" +
+                             paper_frame + "\""];
+          continue;
+        }
+      }
+      read.poses.push_back(pose);
+    }
+  } catch (const rosbag::BagException& error) {
+    throw std::runtime_error(path + ": not a readable bag: " + firstLine(error.what()));
+  }
+  return read;
+}
+
+}  // namespace calligraphy_brush

@@ -1,0 +1,290 @@
+#include <geometry_msgs/PoseStamped.h>
+#include <gtest/gtest.h>
+#include <rosbag/bag.h>
+#include <std_msgs/String.h>
+#include <sys/wait.h>
+#include <tf2_msgs/TFMessage.h>
+
+#include <algorithm>
+#include <cstdlib>
+#include <filesystem>
+#include <string>
+
+#include "calligraphy_brush/files/png.h"
+#include "calligraphy_brush/ros/conversions.h"
+#include "calligraphy_brush/sim/simulator.h"
+#include "pose_bag.h"
+#include "temporary_folder.h"
+
+// stroke_writer and stroke_replay as a user runs them, without a ROS master.
+
+namespace calligraphy_brush {
+namespace {
+
+namespace fs = std::filesystem;
+const std::string kSource = CALLIGRAPHY_BRUSH_SOURCE_DIR;
+
+const char* const kStrokes =
+    "speed: 0.1\n"
+    "strokes:\n"
+    "  - [[0.02, 0.02, 0.001], [0.03, 0.02, 0.006], [0.04, 0.03, 0.0]]\n";
+const char* const kSmallPaper = "paper: {width: 0.06, height: 0.05, px_per_mm: 4.0}\n";
+
+class Tools : public ::testing::Test {
+ protected:
+  struct Result {
+    int exit_code = -1;
+    std::string out, err;
+  };
+
+  Result run(const std::string& program, const std::string& arguments) const {
+    // A master that is not there: nothing may wait for it.
+    const std::string command =
+        "cd " + folder.path("") + " && ROS_MASTER_URI=http://127.0.0.1:1 " PROGRAMS "/" + program + " " +
+        arguments + " >" + folder.path("out.txt") + " 2>" + folder.path("err.txt");
+    const int status = std::system(command.c_str());
+    Result result{WIFEXITED(status) ? WEXITSTATUS(status) : -1, readWhole(folder.path("out.txt")),
+                  readWhole(folder.path("err.txt"))};
+    fs::remove(folder.path("out.txt"));
+    fs::remove(folder.path("err.txt"));
+    return result;
+  }
+
+  /// Exit 1, one line on stderr that has `part`, and no file that was not there before.
+  void expectRefused(const std::string& program, const std::string& arguments,
+                     const std::string& part) const {
+    const int files = folder.fileCount();
+    const Result result = run(program, arguments);
+    const std::string what = program + " " + arguments + "\n" + result.err;
+    EXPECT_EQ(result.exit_code, 1) << what;
+    EXPECT_EQ(std::count(result.err.begin(), result.err.end(), '\n'), 1) << what;
+    EXPECT_NE(result.err.find(part), std::string::npos) << what << "lacks " << part;
+    EXPECT_EQ(result.err.rfind(program + ": ", 0), 0u) << what;
+    EXPECT_EQ(folder.fileCount(), files) << what;
+  }
+
+  std::string writeBag(const std::string& name) const {
+    folder.write("s.yaml", kStrokes);
+    EXPECT_EQ(run("stroke_writer", "s.yaml --quiet --bag " + name).exit_code, 0);
+    return folder.path(name);
+  }
+
+  TemporaryFolder folder;
+};
+
+TEST_F(Tools, HaveHelp) {
+  for (const char* program : {"stroke_writer", "stroke_replay"}) {
+    const Result result = run(program, "--help");
+    EXPECT_EQ(result.exit_code, 0);
+    EXPECT_NE(result.out.find("Usage: " + std::string(program)), std::string::npos);
+    EXPECT_EQ(result.err, "");
+  }
+}
+
+TEST_F(Tools, TheSameStrokesGiveTheSameBytes) {
+  writeBag("a.bag");
+  writeBag("b.bag");
+  EXPECT_EQ(readWhole(folder.path("a.bag")), readWhole(folder.path("b.bag")));
+}
+
+TEST_F(Tools, ABagGivesBackThePosesToTheBit) {
+  std::vector<HandlePose> poses(3);
+  for (std::size_t k = 0; k < poses.size(); ++k) {
+    poses[k].stamp_ns = 1'000'000'000 + 8'000'000 * static_cast<std::int64_t>(k);
+    poses[k].position = {0.1 / 3, 0.2, 0.05 - 1e-3 * static_cast<double>(k)};
+  }
+  writePoseBag(folder.path("a.bag"), poses, "paper");
+  for (const char* topic : {"handle_pose", "/handle_pose"}) {
+    const PoseBag read = readPoseBag(folder.path("a.bag"), topic, "paper");
+    EXPECT_TRUE(read.unreachable.empty());
+    ASSERT_EQ(read.poses.size(), poses.size());
+    for (std::size_t k = 0; k < poses.size(); ++k) {
+      EXPECT_EQ(read.poses[k].stamp_ns, poses[k].stamp_ns);
+      EXPECT_EQ(read.poses[k].position, poses[k].position);
+      EXPECT_EQ(read.poses[k].orientation.coeffs(), poses[k].orientation.coeffs());
+    }
+  }
+}
+
+TEST_F(Tools, ReplayDoesWhatTheNodeDoes) {
+  const std::string bag = writeBag("a.bag");
+  folder.write("p.yaml", kSmallPaper);
+  const Result result = run("stroke_replay", "a.bag a.png --paper ./p.yaml");
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_NE(result.out.find("real time"), std::string::npos) << result.out;
+
+  SimulatorParameters parameters;
+  parameters.paper.width = 0.06;
+  parameters.paper.height = 0.05;
+  Simulator simulator(parameters);
+  for (const HandlePose& pose : readPoseBag(bag, "handle_pose", "paper").poses) {
+    simulator.addPose(pose);
+    simulator.advance();
+  }
+  std::vector<std::uint8_t> picture;
+  simulator.paper().render(picture);
+  EXPECT_EQ(readPng(folder.path("a.png")).mono8, picture);
+  EXPECT_LT(*std::min_element(picture.begin(), picture.end()), 100) << "nothing was written";
+}
+
+TEST_F(Tools, ReplayOptionsDoWhatTheySay) {
+  writeBag("a.bag");
+  folder.write("p.yaml", kSmallPaper);
+  Result result =
+      run("stroke_replay", "a.bag a.png --paper ./p.yaml --px-per-mm 2 --quiet --brush small");
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_EQ(result.out + result.err, "");
+  EXPECT_EQ(readPng(folder.path("a.png")).width_px, 120);
+  for (const char* threads : {"1", "2"})
+    ASSERT_EQ(run("stroke_replay",
+                  "a.bag t" + std::string(threads) + ".png --paper ./p.yaml --threads " + threads)
+                  .exit_code,
+              0);
+  EXPECT_EQ(readPng(folder.path("t1.png")).mono8, readPng(folder.path("t2.png")).mono8);
+}
+
+TEST_F(Tools, ReplayBringsOtherFramesToThePaper) {
+  rosbag::Bag bag(folder.path("f.bag"), rosbag::bagmode::Write);
+  geometry_msgs::TransformStamped X_PB;
+  X_PB.header.frame_id = "paper";
+  X_PB.child_frame_id = "board";
+  X_PB.transform.translation.x = 0.5;
+  X_PB.transform.rotation.z = X_PB.transform.rotation.w = std::sqrt(0.5);
+  tf2_msgs::TFMessage tree;
+  tree.transforms.push_back(X_PB);
+  bag.write("/tf_static", ros::Time(1.0), tree);
+  HandlePose pose;
+  pose.position = {0.1, 0.2, 0.3};
+  for (const char* frame : {"board", "paper", "moon", ""}) {
+    pose.stamp_ns += 2'000'000'000;
+    const auto message = toPoseStamped(pose, frame);
+    bag.write("/handle_pose", message.header.stamp, message);
+  }
+  bag.close();
+  const PoseBag read = readPoseBag(folder.path("f.bag"), "handle_pose", "paper");
+  ASSERT_EQ(read.poses.size(), 2u);
+  EXPECT_LT((read.poses[0].position - Eigen::Vector3d(0.3, 0.1, 0.3)).norm(), 1e-12);
+  EXPECT_EQ(read.poses[1].position, pose.position);
+  EXPECT_EQ(read.unreachable.size(), 2u);
+}
+
+TEST_F(Tools, ReplayRefusesBadInput) {
+  writeBag("a.bag");
+  folder.write("text.bag", "this is not a bag, but it has some text in it\n");
+  folder.write("empty.bag", "");
+  folder.write("half.bag", readWhole(folder.path("a.bag")).substr(0, 5000));
+  folder.write("bad.yaml", "brush:\n  tip_length: 7\n");
+  {
+    rosbag::Bag bag(folder.path("other.bag"), rosbag::bagmode::Write);
+    bag.write("/handle_pose", ros::Time(1.0), std_msgs::String());
+  }
+  {
+    rosbag::Bag bag(folder.path("nothing.bag"), rosbag::bagmode::Write);
+    bag.write("/chatter", ros::Time(1.0), std_msgs::String());
+  }
+  HandlePose broken;
+  broken.stamp_ns = 1'000'000'000;
+  broken.orientation.coeffs().setZero();
+  writePoseBag(folder.path("broken.bag"), {broken}, "paper");
+  HandlePose far;
+  far.stamp_ns = 1'000'000'000;
+  writePoseBag(folder.path("moon.bag"), {far}, "moon");
+
+  expectRefused("stroke_replay", "", "needs a bag and a picture");
+  expectRefused("stroke_replay", "a.bag", "needs a bag and a picture");
+  expectRefused("stroke_replay", "none.bag o.png", "none.bag: No such file");
+  expectRefused("stroke_replay", ". o.png", "not a regular file");
+  expectRefused("stroke_replay", "text.bag o.png", "text.bag: not a readable bag");
+  expectRefused("stroke_replay", "empty.bag o.png", "empty.bag: not a readable bag");
+  expectRefused("stroke_replay", "half.bag o.png", "half.bag: not a readable bag");
+  expectRefused("stroke_replay", "nothing.bag o.png", "no topic handle_pose; there is /chatter");
+  expectRefused("stroke_replay", "other.bag o.png", "std_msgs/String");
+  expectRefused("stroke_replay", "a.bag o.png --topic pen", "no topic pen");
+  expectRefused("stroke_replay", "broken.bag o.png", "no pose to simulate");
+  expectRefused("stroke_replay", "moon.bag o.png", "\"moon\" is not connected");
+  expectRefused("stroke_replay", "a.bag missing/o.png", "cannot write missing/o.png");
+  expectRefused("stroke_replay", "a.bag .", "it is a folder");
+  expectRefused("stroke_replay", "a.bag o.png --brush giant", "known: large, medium, small");
+  expectRefused("stroke_replay", "a.bag o.png --brush none.yaml", "no such file");
+  expectRefused("stroke_replay", "a.bag o.png --brush ./bad.yaml",
+                "bad.yaml:2: brush/tip_length = 7 is outside");
+  expectRefused("stroke_replay", "a.bag o.png --px-per-mm 1000", "paper/px_per_mm = 1000 is outside");
+  expectRefused("stroke_replay", "a.bag o.png --px-per-mm many", "many");
+  expectRefused("stroke_replay", "a.bag o.png --threads 0", "rods/threads = 0 is outside");
+  expectRefused("stroke_replay", "a.bag o.png --colour red", "colour");
+  expectRefused("stroke_replay", "a.bag o.png third", "");
+}
+
+TEST_F(Tools, WriterRefusesBadInput) {
+  folder.write("s.yaml", kStrokes);
+  folder.write("bad.yaml", "strokes:\n  - [[0, 0]]\n");
+  folder.write("broken.yaml", "strokes: [\n");
+  folder.write("g.json", "{\"strokes\": [\"M 0 0 A 3 Z\"], \"medians\": [[[1, 1]]]}");
+  folder.write("half.json", "{\"strokes\": [\"M 0 0");
+  expectRefused("stroke_writer", "", "needs a stroke file or --glyph");
+  expectRefused("stroke_writer", "s.yaml", "needs --bag FILE or --publish");
+  expectRefused("stroke_writer", "s.yaml --glyph g.json --bag o.bag", "needs a stroke file or --glyph");
+  expectRefused("stroke_writer", "none.yaml --bag o.bag", "none.yaml: cannot be read");
+  expectRefused("stroke_writer", "bad.yaml --bag o.bag",
+                "bad.yaml:2: stroke 1, point 1 must be [x, y, depth]");
+  expectRefused("stroke_writer", "broken.yaml --bag o.bag", "broken.yaml:");
+  expectRefused("stroke_writer", "--glyph none.json --bag o.bag", "none.json: cannot be read");
+  expectRefused("stroke_writer", "--glyph g.json --bag o.bag", "command 'A'");
+  expectRefused("stroke_writer", "--glyph half.json --bag o.bag", "half.json");
+  expectRefused("stroke_writer", "s.yaml --bag missing/o.bag", "cannot write missing/o.bag");
+  expectRefused("stroke_writer", "s.yaml --bag .", "it is a folder");
+  expectRefused("stroke_writer", "s.yaml --bag o.bag --rate 0", "rate = 0 is outside");
+  expectRefused("stroke_writer", "s.yaml --bag o.bag --rate nan", "rate = nan is outside");
+  expectRefused("stroke_writer", "s.yaml --bag o.bag --brush giant", "known: large, medium, small");
+  expectRefused("stroke_writer", "--glyph g.json --size -1 --bag o.bag", "--size = -1 is outside");
+  expectRefused("stroke_writer", "--glyph g.json --origin 1 --bag o.bag", "--origin needs two numbers");
+  expectRefused("stroke_writer", "s.yaml --publish", "no ROS master at");
+}
+
+TEST_F(Tools, WriterWritesACharacterWhereItIsTold) {
+  folder.write("g.json",
+               "{\"strokes\": [\"M 100 300 L 900 300 L 900 400 L 100 400 Z\"], \"medians\": [[[130, "
+               "350], [870, 350]]]}");
+  folder.write("p.yaml", kSmallPaper);
+  const Result result =
+      run("stroke_writer", "--glyph g.json --size 0.03 --origin 0.02 0.01 --bag g.bag --paper ./p.yaml");
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  ASSERT_EQ(run("stroke_replay", "g.bag g.png --quiet --paper ./p.yaml").exit_code, 0);
+  const GreyPicture picture = readPng(folder.path("g.png"));
+  double sum = 0.0, x = 0.0, y = 0.0;
+  for (int row = 0; row < picture.height_px; ++row)
+    for (int column = 0; column < picture.width_px; ++column) {
+      const double dark = 255 - picture.mono8[static_cast<std::size_t>(row * picture.width_px + column)];
+      sum += dark;
+      x += dark * (column + 0.5) / 4e3;
+      y += dark * (picture.height_px - row - 0.5) / 4e3;
+    }
+  ASSERT_GT(sum, 0.0);
+  EXPECT_NEAR(x / sum, 0.02 + 0.03 * 500 / 1024, 0.004);
+  EXPECT_NEAR(y / sum, 0.01 + 0.03 * (350 + 124) / 1024, 0.0015);
+}
+
+/// How often the tip goes from the air to the sheet.
+int touchDowns(const std::vector<HandlePose>& poses) {
+  const double tip_length = makeBrush(BrushParameters()).tip_length;
+  int count = 0;
+  for (std::size_t k = 1; k < poses.size(); ++k)
+    count += poses[k - 1].position.z() > tip_length && poses[k].position.z() <= tip_length;
+  return count;
+}
+
+TEST_F(Tools, EiIsEightStrokesAndFollowsFromItsStrokeFile) {
+  ASSERT_EQ(run("stroke_writer", kSource + "/config/strokes/ei.yaml --quiet --bag ei.bag").exit_code, 0);
+  const std::string kept = kSource + "/config/strokes/ei.bag";
+  // The brush is measured by simulation, so the motions agree only as far as the physics did not change.
+  for (const std::string& bag : {folder.path("ei.bag"), kept}) {
+    const PoseBag read = readPoseBag(bag, "handle_pose", "paper");
+    EXPECT_EQ(touchDowns(read.poses), 8) << bag;
+    PoseTrack track{MotionParameters()};
+    for (const HandlePose& pose : read.poses) ASSERT_EQ(track.add(pose), PoseVerdict::kAccepted) << bag;
+  }
+  EXPECT_LT(fs::file_size(kept), 500u * 1000u);
+}
+
+}  // namespace
+}  // namespace calligraphy_brush
