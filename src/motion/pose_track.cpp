@@ -50,11 +50,16 @@ PoseTrack::PoseTrack(const MotionParameters& parameters) : parameters_(parameter
   checkParameters(parameters);
 }
 
-PoseVerdict PoseTrack::add(HandlePose pose) {
+PoseVerdict PoseTrack::checkAlone(const HandlePose& pose) {
   const double length = pose.orientation.norm();
   if (!pose.position.allFinite() || !std::isfinite(length)) return PoseVerdict::kNotFinite;
-  if (length < 1e-3) return PoseVerdict::kZeroQuaternion;
-  pose.orientation.coeffs() /= length;
+  return length < 1e-3 ? PoseVerdict::kZeroQuaternion : PoseVerdict::kAccepted;
+}
+
+PoseVerdict PoseTrack::add(HandlePose pose) {
+  const PoseVerdict alone = checkAlone(pose);
+  if (alone != PoseVerdict::kAccepted) return alone;
+  pose.orientation.normalize();
 
   Knot knot{pose, Vector3d::Zero(), Vector3d::Zero()};
   if (!poses_.empty()) {

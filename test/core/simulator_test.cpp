@@ -143,6 +143,31 @@ TEST(Simulator, IsUnchangedByARefusedPose) {
   EXPECT_EQ(with.stateHash(), without.stateHash());
 }
 
+TEST(Simulator, PutsTheBrushDownAnewAfterALongGap) {
+  // Such as a first stamp of 0 and then that of a clock: not a step for every millisecond since 1970.
+  Simulator simulator(smallScene());
+  HandlePose pose;
+  pose.position = {0.05, 0.03, simulator.brush().tip_length - 0.004};
+  ASSERT_EQ(simulator.addPose(pose), PoseVerdict::kAccepted);
+  pose.stamp_ns = 1800000000000000000LL;
+  pose.position.x() = 0.08;
+  HandlePose bad = pose;
+  bad.position.z() = std::nan("");
+  EXPECT_EQ(simulator.addPose(bad), PoseVerdict::kNotFinite);
+  ASSERT_EQ(simulator.addPose(pose), PoseVerdict::kAccepted);
+  EXPECT_EQ(simulator.advance(), 0);
+  for (int k = 1; k < 100; ++k) {
+    pose.stamp_ns += 8000000;
+    ASSERT_EQ(simulator.addPose(pose), PoseVerdict::kAccepted);
+    simulator.advance();
+  }
+  EXPECT_EQ(simulator.report().step_count, 99 * 8);
+  // No line between the two places, and a tip that found its way out of the sheet.
+  EXPECT_EQ(simulator.paper().ink(260, 120), 0.0F);
+  EXPECT_LT(simulator.report().max_penetration, 1e-4);  // some of them still swing
+  EXPECT_TRUE(std::isfinite(simulator.handleWrench().force_P.norm()));
+}
+
 TEST(Simulator, DipsWipesAndClears) {
   Simulator simulator(smallScene());
   simulator.wipe();

@@ -51,7 +51,9 @@ class PressedRod {
     for (int step = 1; step <= steps; ++step) {
       const double s = static_cast<double>(step) / steps;
       const double at = start_ + (depth - start_) * part(s);
-      rod_.step(pose(at, std::pow(1 - s, 4)));
+      // Gone once the rod has been bent more than by them.
+      const double fading = std::exp(-std::max(0.0, at - start_ - kClearance) / 3e-4);
+      rod_.step(pose(at, s < 1 ? fading : 0.0));
       if (!after(at)) return;
     }
   }
@@ -59,7 +61,7 @@ class PressedRod {
   /// Part of a way that is done at s in 0 .. 1. Starts at rest, and comes to rest exponentially, slower
   /// than the rod relaxes: so a tip that slides does so to the end, and what the medium holds back
   /// fades while it does.
-  static double part(double s) { return s < 1 ? 1 - std::exp(-20 * s * s) : 1.0; }
+  static double part(double s) { return s < 1 ? 1 - std::exp(-30 * s * s) : 1.0; }
 
   PressResult result(bool converged, const char* slipping) const {
     PressResult result;
@@ -116,7 +118,7 @@ class PressedRod {
   SingleRod rod_;
 };
 
-constexpr int kLoweringSteps = 6000;
+constexpr int kLoweringSteps = 8000;
 
 }  // namespace
 
@@ -151,12 +153,12 @@ StickSlipResult stickSlip(const StickSlipParameters& p) {
   struct {
     double depth = 0, ratio = 0, normal = 0;
   } now, before;
-  pressed.lower(0.4, 4 * kLoweringSteps, [&](double depth) {
+  pressed.lower(0.4, 2 * kLoweringSteps, [&](double depth) {
     const Eigen::Vector3d force = pressed.rod().contactForce();
     if (force.z() <= 0) return true;
     const double ratio = std::abs(force.x()) / force.z();
     // Before the rod buckles it stands on the sheet with next to no force.
-    const bool buckled = depth > 0.002;
+    const bool buckled = depth > 0.0015;
     if (buckled && ratio >= (1 - 1e-9) * p.mu) {
       const double rate = (now.depth - before.depth) / (now.ratio - before.ratio);
       result.slip_depth = std::min(now.depth + rate * (p.mu - now.ratio), depth);

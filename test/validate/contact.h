@@ -63,7 +63,7 @@ struct StickSlipParameters : SceneParameters {
 
   template <class Self, class Visit>
   static void describe(Self& self, Visit& visit) {
-    visit("mu", self.mu, Range{0.01, 1.0}, "1", "Coulomb friction of rod on sheet.");
+    visit("mu", self.mu, Range{0.03, 1.0}, "1", "Coulomb friction of rod on sheet.");
     visit("gamma", self.gamma, Range{0.0, 20.0}, "1", "Weight rho A g L^3 / B.");
     SceneParameters::describe(self, visit);
   }

@@ -97,7 +97,7 @@ const std::vector<Scene>& scenes() {
                 "are 11 nodes.",
                 chain),
       makeScene("slide", "A block with a given speed slides on the sheet until friction has stopped it.",
-                "The block is the tip node of a rod. All other nodes weigh 1e-9 of it, the rod is so limp that it\n"
+                "The block is the tip node of a rod. All other nodes weigh 1e-14 of it, the rod is so limp that it\n"
                 "pushes with less than 1e-8 of the weight, and its handle follows the tip, so that it is slack.\n"
                 "A blow of one time step gives the block its momentum.",
                 slide),

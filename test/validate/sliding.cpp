@@ -29,7 +29,7 @@ class Block {
 
  private:
   static RodModel limpRod(int nodes) {
-    const double links = 1e-9 * kBlockMass;
+    const double links = 1e-14 * kBlockMass;  // too light to crack like a whip
     const double bending = 1e-10 * kBlockMass * kStandardGravity * kRodLength * kRodLength;
     RodModel rod = makeUniformRod(kRodLength, bending, links / kRodLength, nodes);
     rod.node_mass.back() = kBlockMass;

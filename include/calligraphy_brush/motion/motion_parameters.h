@@ -8,6 +8,7 @@ namespace calligraphy_brush {
 struct MotionParameters {
   double max_speed = 10.0;
   double max_angular_speed = 200.0;
+  double max_gap = 10.0;
 
   template <class Self, class Visit>
   static void describe(Self& self, Visit& visit) {
@@ -15,6 +16,8 @@ struct MotionParameters {
           "A pose that asks the handle to move faster than this is refused; a fast hand reaches 3.");
     visit("max_angular_speed", self.max_angular_speed, Range{1e-3, 1e6}, "rad/s",
           "A pose that asks the handle to turn faster than this is refused; a fast hand reaches 30.");
+    visit("max_gap", self.max_gap, Range{1e-3, 1e6}, "s",
+          "After a longer time without poses the brush is taken off and put down anew at the next one.");
   }
 };
 

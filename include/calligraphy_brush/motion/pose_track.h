@@ -42,6 +42,10 @@ class PoseTrack {
   /// ≥ 1e-3 are normalised.
   PoseVerdict add(HandlePose pose);
 
+  /// What can be said of a pose without knowing those before it: kAccepted, kNotFinite or
+  /// kZeroQuaternion.
+  static PoseVerdict checkAlone(const HandlePose& pose);
+
   bool empty() const { return poses_.empty(); }
   const HandlePose& newest() const { return poses_.back().pose; }
   const HandlePose& oldest() const { return poses_.front().pose; }

@@ -53,8 +53,8 @@ class Simulator {
   Simulator(Simulator&&) noexcept;
   Simulator& operator=(Simulator&&) noexcept;
 
-  /// Takes the next pose of the handle or refuses it, and then changes nothing. The first one puts
-  /// the brush there, at rest and undeformed.
+  /// Takes the next pose of the handle or refuses it, and then changes nothing. The first one, and
+  /// the first after a gap of more than motion/max_gap, puts the brush there, at rest and undeformed.
   PoseVerdict addPose(const HandlePose& pose);
 
   /// Runs whole time steps up to the newest pose. Returns how many.
