@@ -13,10 +13,17 @@ const RodModel& rodInLane(const std::vector<RodModel>& rods, const std::vector<i
   return rods[static_cast<std::size_t>(indices[k])];
 }
 
+/// Length that a joint stands for over that of an edge; joints from a clamp on: 0, 1, ...
+double jointLength(int from_clamp, ClampRule clamp) {
+  if (clamp == ClampRule::kHalf) return from_clamp == 0 ? 0.5 : 1.0;
+  return from_clamp == 0 ? 5.0 / 12.0 : from_clamp == 1 ? 13.0 / 12.0 : 1.0;
+}
+
 }  // namespace
 
 template <class Real>
-RodBatchModel<Real> makeRodBatchModel(const std::vector<RodModel>& rods, const std::vector<int>& indices) {
+RodBatchModel<Real> makeRodBatchModel(const std::vector<RodModel>& rods, const std::vector<int>& indices,
+                                      ClampRule clamp) {
   RodBatchModel<Real> model;
   const int n = rodInLane(rods, indices, 0).nodeCount();
   model.node_count = n;
@@ -33,9 +40,7 @@ RodBatchModel<Real> makeRodBatchModel(const std::vector<RodModel>& rods, const s
     for (int node = 0; node < n; ++node) {
       const auto i = static_cast<std::size_t>(node);
       const auto joint = static_cast<std::size_t>(std::min(node, n - 2));
-      // A joint at the clamp itself, with half a Voronoi length, makes the clamp second order in l;
-      // a fixed first edge, the usual way, is first order: it clamps the rod at l/2.
-      const double voronoi = node == 0 ? 0.5 * l : l;
+      const double voronoi = l * jointLength(node, clamp);
       if (node < n - 1)
         model.spring[at(node)] = static_cast<Real>(rod.bending_stiffness[i] / (voronoi * l * l));
       model.mass[at(node)] = static_cast<Real>(rod.node_mass[i]);
@@ -75,7 +80,8 @@ RodBatchWorkspace<Real> makeRodBatchWorkspace(int node_count) {
 }
 
 template <class Real>
-FramedRods<Real> makeFramedRods(const std::vector<RodModel>& rods, const std::vector<int>& indices) {
+FramedRods<Real> makeFramedRods(const std::vector<RodModel>& rods, const std::vector<int>& indices,
+                                ClampRule clamp) {
   FramedRods<Real> framed;
   const int n = rodInLane(rods, indices, 0).nodeCount();
   framed.joint.resize(size(6 * n));
@@ -93,11 +99,11 @@ FramedRods<Real> makeFramedRods(const std::vector<RodModel>& rods, const std::ve
     const RodModel& rod = rodInLane(rods, indices, lane);
     const double l = rod.length / (n - 1);
     for (int node = 0; node < n; ++node) {
-      // Both clamps have half a Voronoi length, as in makeRodBatchModel.
       const bool is_end = node == n - 1;
       if (is_end && !rod.end_clamped) break;
       const auto i = static_cast<std::size_t>(is_end ? n - 2 : node);
-      const double voronoi = node == 0 || is_end ? 0.5 * l : l;
+      double voronoi = l * jointLength(node, clamp);
+      if (rod.end_clamped) voronoi *= jointLength(n - 1 - node, clamp);
       const double bending = rod.bending_stiffness[i];
       const double second = rod.bending_stiffness_2.empty() ? bending : rod.bending_stiffness_2[i];
       // Free twist still needs one shape: a little stiffness makes it the untwisted one.
@@ -140,8 +146,8 @@ void placeAtRest(const RodBatchModel<Real>& model, const RodBatchRoots<Real>& ro
 }
 
 #define CALLIGRAPHY_INSTANTIATE(Real)                                                                  \
-  template RodBatchModel<Real> makeRodBatchModel(const std::vector<RodModel>&, const std::vector<int>&); \
-  template FramedRods<Real> makeFramedRods(const std::vector<RodModel>&, const std::vector<int>&);       \
+  template RodBatchModel<Real> makeRodBatchModel(const std::vector<RodModel>&, const std::vector<int>&, ClampRule); \
+  template FramedRods<Real> makeFramedRods(const std::vector<RodModel>&, const std::vector<int>&, ClampRule);    \
   template RodBatchState<Real> makeRodBatchState(const RodBatchModel<Real>&);                          \
   template RodBatchRoots<Real> makeRodBatchRoots();                                                    \
   template RodBatchWorkspace<Real> makeRodBatchWorkspace(int);                                         \

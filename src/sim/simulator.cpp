@@ -78,10 +78,14 @@ struct Simulator::Implementation {
     const StageTimer timer(report, Stage::kMoveRoots);
     handle = track.at(time_ns);
   }
+  /// Where the handle was after a part of the step that ends now.
+  Eigen::Isometry3d handleAfter(double part) const {
+    return toIsometry(part == 1.0 ? handle : track.at(time_ns - std::llround((1.0 - part) * double(step_ns))));
+  }
 
   void solveRods() {
     const StageTimer timer(report, Stage::kSolveRods);
-    const TuftReport solved = tuft->step(toIsometry(handle));
+    const TuftReport solved = tuft->stepAlong([this](double part) { return handleAfter(part); });
     report.rod_step_count += solved.solved_rods;
     report.iteration_count += solved.iterations;
     report.unconverged_count += solved.unconverged;

@@ -16,6 +16,20 @@
 namespace calligraphy_brush {
 namespace {
 
+/// A minimisation of a time step, and the part of the step at which it ends.
+struct StageOfStep {
+  double end;
+  StepCoefficients coefficients;
+};
+
+std::vector<StageOfStep> makeStages(const std::string& scheme, const RodParameters& rods) {
+  const double h = rods.time_step, c = rods.damping;
+  if (scheme == "bdf2") return {{1.0, bdf2(h, c)}};
+  if (scheme == "sdirk2")
+    return {{kSdirk2Gamma, backwardEuler(kSdirk2Gamma * h, c)}, {1.0, sdirk2SecondStage(h, c)}};
+  return {{1.0, backwardEuler(h, c)}};
+}
+
 template <class Real>
 class TuftOf : public Tuft {
  public:
@@ -23,11 +37,11 @@ class TuftOf : public Tuft {
       : brush_(brush),
         kernel_(findRodStepKernel(rods.instruction_set)),
         pool_(rods.threads),
-        law_(rods.bending_law == "tangent" ? BendingLawName::kTangent : BendingLawName::kSine),
+        law_(rods.bending_law == "tangent" ? kTangentLaw : rods.bending_law == "arc" ? kArcLaw : kSineLaw),
+        clamp_(rods.clamp == "half" ? ClampRule::kHalf : ClampRule::kCorrected),
         gravity_(rods.gravity),
-        coefficients_(stepCoefficients(
-            rods.scheme == "bdf2" ? Scheme::kBdf2 : Scheme::kBackwardEuler, rods.time_step, rods.damping)),
-        first_coefficients_(stepCoefficients(Scheme::kBackwardEuler, rods.time_step, rods.damping)),
+        stages_(makeStages(rods.scheme, rods)),
+        first_stages_(makeStages(rods.scheme == "bdf2" ? "backward_euler" : rods.scheme, rods)),
         settings_{rods.tolerance, rods.max_iterations, contact.tolerance, contact.multiplier_updates},
         has_paper_(contact.paper) {
     // Rods that need material frames are kept apart: the others are far cheaper.
@@ -49,6 +63,7 @@ class TuftOf : public Tuft {
   }
 
   void place(const Eigen::Isometry3d& X_PH) override {
+    X_PH_ = X_PH;
     for (std::size_t b = 0; b < batches_.size(); ++b) {
       Batch& batch = batches_[b];
       moveRoots(b, X_PH, true);
@@ -86,18 +101,35 @@ class TuftOf : public Tuft {
   }
 
   TuftReport step(const Eigen::Isometry3d& X_PH) override {
-    pivot_ = {X_PH.translation().x(), X_PH.translation().y(), X_PH.translation().z()};
-    for (std::size_t b = 0; b < batches_.size(); ++b) moveRoots(b, X_PH, false);
-    pool_.run(static_cast<int>(batches_.size()), solve_);
-    has_history_ = true;
+    const Eigen::Isometry3d from = X_PH_;
+    return stepAlong([&](double part) {
+      if (part == 1.0) return X_PH;
+      Eigen::Isometry3d X = Eigen::Isometry3d::Identity();
+      X.translation() = from.translation() + part * (X_PH.translation() - from.translation());
+      X.linear() = Eigen::Quaterniond(from.linear())
+                       .slerp(part, Eigen::Quaterniond(X_PH.linear()))
+                       .toRotationMatrix();
+      return X;
+    });
+  }
 
+  TuftReport stepAlong(const std::function<Eigen::Isometry3d(double)>& X_PH) override {
     TuftReport report;
-    for (const Batch& batch : batches_) {
-      report.solved_rods += batch.model.rod_count;
-      report.iterations += batch.report.iterations;
-      report.most_iterations = std::max(report.most_iterations, batch.report.most_iterations);
-      report.unconverged += batch.report.unconverged;
+    for (const StageOfStep& stage : has_history_ ? stages_ : first_stages_) {
+      stage_ = &stage;
+      X_PH_ = X_PH(stage.end);
+      pivot_ = {X_PH_.translation().x(), X_PH_.translation().y(), X_PH_.translation().z()};
+      for (std::size_t b = 0; b < batches_.size(); ++b) moveRoots(b, X_PH_, false);
+      pool_.run(static_cast<int>(batches_.size()), solve_);
+      report.solved_rods = 0;
+      for (const Batch& batch : batches_) {
+        report.solved_rods += batch.model.rod_count;
+        report.iterations += batch.report.iterations;
+        report.most_iterations = std::max(report.most_iterations, batch.report.most_iterations);
+        report.unconverged += batch.report.unconverged;
+      }
     }
+    has_history_ = true;
     return report;
   }
 
@@ -163,15 +195,15 @@ class TuftOf : public Tuft {
   void addBatch(const std::vector<int>& rods, bool framed, const ContactParameters& contact) {
     Batch batch;
     batch.rods = rods;
-    batch.model = makeRodBatchModel<Real>(brush_.rods, rods);
+    batch.model = makeRodBatchModel<Real>(brush_.rods, rods, clamp_);
     batch.state = makeRodBatchState(batch.model);
     batch.roots = makeRodBatchRoots<Real>();
-    if (framed) batch.framed = std::make_unique<FramedRods<Real>>(makeFramedRods<Real>(brush_.rods, rods));
+    if (framed) batch.framed = std::make_unique<FramedRods<Real>>(makeFramedRods<Real>(brush_.rods, rods, clamp_));
     batch.contact = makePaperContactState<Real>(batch.model.node_count);
     batch.contact.friction = static_cast<Real>(contact.paper_friction);
     for (std::size_t i = 0; i < batch.contact.stiffness.size(); ++i)
       batch.contact.stiffness[i] =
-          static_cast<Real>(contact.stiffness * (coefficients_.inertia * double(batch.model.mass[i]) +
+          static_cast<Real>(contact.stiffness * (stages_.back().coefficients.inertia * double(batch.model.mass[i]) +
                                                  double(batch.model.stiffness[i])));
     batch.wrench.resize(6 * kLanes);
     batch.root_position.resize(rods.size());
@@ -233,21 +265,23 @@ class TuftOf : public Tuft {
   }
 
   void solve(Batch& batch, RodBatchWorkspace<Real>& workspace) {
-    const StepCoefficients& coefficients = has_history_ ? coefficients_ : first_coefficients_;
+    const StepCoefficients& coefficients = stage_->coefficients;
     addLoad(batch, coefficients, Real(1), batch.state.velocity);
     batch.report = kernel_(RodStep<Real>{batch.model, batch.roots, coefficients, settings_, law_,
                                          gravity_, pivot_.data(), has_paper_ ? &batch.contact : nullptr, batch.framed.get(),
                                          batch.state, workspace, batch.wrench.data()});
     addLoad(batch, coefficients, Real(-1), batch.state.previous_velocity);
+    if (coefficients.from_velocity != 0.0)
+      addLoad(batch, coefficients, static_cast<Real>(-coefficients.from_velocity), batch.state.velocity);
     lookAtPaper(batch);
   }
 
   /// A load F moves a node's target by F/(m · inertia), and so does a change of the velocity that the
   /// step starts from by F/(m · inertia · velocity). Put in before the step and taken out of the
   /// history after it, it costs the kernel nothing.
-  static void addLoad(const Batch& batch, const StepCoefficients& coefficients, Real sign,
+  static void addLoad(const Batch& batch, const StepCoefficients& coefficients, Real factor,
                       AlignedVector<Real>& velocity) {
-    const Real scale = sign / static_cast<Real>(coefficients.inertia * coefficients.velocity);
+    const Real scale = factor / static_cast<Real>(coefficients.inertia * coefficients.velocity);
     for (std::size_t i = 0; i < batch.load.size(); ++i)
       if (batch.load[i] != Real(0))
         velocity[i] += scale * batch.load[i] / batch.model.mass[i / (3 * kLanes) * kLanes + i % kLanes];
@@ -271,9 +305,12 @@ class TuftOf : public Tuft {
   BrushModel brush_;
   const RodStepKernel& kernel_;
   ThreadPool pool_;
-  BendingLawName law_;
+  double law_;  // p of bendingTerms
+  ClampRule clamp_;
   double gravity_;
-  StepCoefficients coefficients_, first_coefficients_;
+  std::vector<StageOfStep> stages_, first_stages_;  // the first are those of a step without history
+  const StageOfStep* stage_ = nullptr;              // that is solved now
+  Eigen::Isometry3d X_PH_ = Eigen::Isometry3d::Identity();
   SolverSettings settings_;
   bool has_paper_;
   bool has_history_ = false;

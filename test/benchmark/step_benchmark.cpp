@@ -235,8 +235,8 @@ void timeKernel(benchmark::State& state, int nodes, const std::string& instructi
   const BrushModel brush = StandardStroke::brush(kLanes, nodes);
   std::vector<int> all(kLanes);
   std::iota(all.begin(), all.end(), 0);
-  const RodBatchModel<Real> model = makeRodBatchModel<Real>(brush.rods, all);
-  const StepCoefficients coefficients = stepCoefficients(Scheme::kBdf2, h, RodParameters{}.damping);
+  const RodBatchModel<Real> model = makeRodBatchModel<Real>(brush.rods, all, ClampRule::kHalf);
+  const StepCoefficients coefficients = bdf2(h, RodParameters{}.damping);
   const double pivot[3] = {};
   AlignedVector<Real> wrench(6 * kLanes);
   RodBatchWorkspace<Real> workspace = makeRodBatchWorkspace<Real>(nodes);
@@ -274,7 +274,7 @@ void timeKernel(benchmark::State& state, int nodes, const std::string& instructi
       SolveReport report;
       for (int step = 0; step < 10 * kPeriod; ++step) {
         report = kernel(RodStep<Real>{model, roots[static_cast<std::size_t>(step % kPeriod)], coefficients, settings,
-                                      BendingLawName::kTangent, 9.81, pivot, nullptr, nullptr, rods, workspace, wrench.data()});
+                                      kTangentLaw, 9.81, pivot, nullptr, nullptr, rods, workspace, wrench.data()});
         if (!many) cost.iterations += report.iterations;
       }
       seconds[many] += watch.seconds();

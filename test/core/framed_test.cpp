@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <tuple>
 #include <vector>
 
 #include "rod_scene.h"
@@ -23,11 +24,11 @@ RodModel withFrames(RodModel rod) {
 }  // namespace
 
 // Straight, isotropic, free-tipped rods take the kernel without frames: nothing may tell.
-class BothKernels : public testing::TestWithParam<const char*> {};
+class BothKernels : public testing::TestWithParam<std::tuple<const char*, const char*, const char*>> {};
 
 TEST_P(BothKernels, AgreeOnWhatBothCanDo) {
   RodParameters rods = exactRods(0.001);
-  rods.scheme = GetParam();
+  std::tie(rods.scheme, rods.bending_law, rods.clamp) = GetParam();
   ContactParameters contact;
   contact.multiplier_updates = 50;
   contact.tolerance = 1e-13;
@@ -55,7 +56,9 @@ TEST_P(BothKernels, AgreeOnWhatBothCanDo) {
   EXPECT_LT((a->rodWrench(0) - b->rodWrench(0)).norm(), 1e-7 * a->rodWrench(0).norm());
 }
 
-INSTANTIATE_TEST_SUITE_P(Schemes, BothKernels, testing::Values("backward_euler", "bdf2"));
+INSTANTIATE_TEST_SUITE_P(Schemes, BothKernels, testing::Combine(testing::Values("backward_euler", "bdf2"),
+                                          testing::Values("tangent", "arc", "sine"),
+                                          testing::Values("half", "corrected")));
 
 TEST(FramedRods, GoBackToTheirNaturalShape) {
   // Joints that turn by κ̄ l each: a polygon round a circle, and a helix where they twist as well.

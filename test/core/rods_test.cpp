@@ -1,6 +1,8 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <string>
+#include <utility>
 #include <vector>
 
 #include "calligraphy_brush/rods/bending_law.h"
@@ -13,51 +15,91 @@ namespace {
 
 constexpr double kPi = 3.14159265358979323846;
 
-template <class Law>
-void expectDerivatives() {
-  for (double s = 1e-6; s < 3.9; s *= 1.7) {
-    const double h = 1e-5 * s;
-    const auto at = Law::evaluate(s), below = Law::evaluate(s - h), above = Law::evaluate(s + h);
-    EXPECT_NEAR(at.first, (above.value - below.value) / (2 * h), 1e-6 * std::abs(at.first)) << s;
-    EXPECT_NEAR(at.second, (above.first - below.first) / (2 * h), 1e-5 * (at.first / s)) << s;
-  }
-}
+constexpr double kLaws[] = {kTangentLaw, kArcLaw, kSineLaw};
 
 }  // namespace
 
-TEST(BendingLaw, TangentDerivativesAreThoseOfItsValue) { expectDerivatives<TangentLaw>(); }
-TEST(BendingLaw, SineDerivativesAreThoseOfItsValue) { expectDerivatives<SineLaw>(); }
+TEST(BendingLaw, DerivativesAreThoseOfItsValue) {
+  for (const double p : kLaws)
+    for (double s = 1e-6; s < 3.9; s *= 1.7) {
+      const double h = 1e-5 * s;
+      const auto at = bendingTerms(s, p), below = bendingTerms(s - h, p), above = bendingTerms(s + h, p);
+      EXPECT_NEAR(at.first, (above.value - below.value) / (2 * h), 1e-6 * std::abs(at.first)) << s;
+      EXPECT_NEAR(at.second, (above.first - below.first) / (2 * h), 1e-5 * (at.first / s)) << s;
+    }
+}
 
 TEST(BendingLaw, IsHalfTheSquaredCurvature) {
   for (const double angle : {1e-3, 0.1, 1.0, 2.5}) {
     const double s = 4 * std::pow(std::sin(angle / 2), 2);
-    EXPECT_NEAR(TangentLaw::evaluate(s).value, 0.5 * std::pow(2 * std::tan(angle / 2), 2), 1e-12);
-    EXPECT_NEAR(SineLaw::evaluate(s).value, 0.5 * std::pow(2 * std::sin(angle / 2), 2), 1e-12);
+    EXPECT_NEAR(bendingTerms(s, kTangentLaw).value, 0.5 * std::pow(2 * std::tan(angle / 2), 2), 1e-12);
+    EXPECT_NEAR(bendingTerms(s, kSineLaw).value, 0.5 * std::pow(2 * std::sin(angle / 2), 2), 1e-12);
+    // κ²/2 = φ²/2 − (1/12 − p) φ⁴/2 + ...
+    EXPECT_NEAR(bendingTerms(s, kArcLaw).value, 0.5 * angle * angle - std::pow(angle, 4) / 96,
+                0.002 * std::pow(angle, 6) + 1e-18);
   }
 }
 
 TEST(BendingLaw, IsFiniteAndRisingWhereAnEdgeFoldsBack) {
-  EXPECT_LT(TangentLaw::evaluate(3.98).value, TangentLaw::evaluate(3.999).value);
-  EXPECT_LT(TangentLaw::evaluate(3.999).value, TangentLaw::evaluate(4.001).value);
-  EXPECT_TRUE(std::isfinite(TangentLaw::evaluate(4.001).value));
+  for (const double p : kLaws) {
+    EXPECT_LT(bendingTerms(3.98, p).value, bendingTerms(3.999, p).value);
+    EXPECT_LT(bendingTerms(3.999, p).value, bendingTerms(4.001, p).value);
+    EXPECT_TRUE(std::isfinite(bendingTerms(4.001, p).value));
+  }
 }
 
-TEST(StepCoefficients, IntegrateConstantAccelerationExactly) {
-  for (const Scheme scheme : {Scheme::kBackwardEuler, Scheme::kBdf2}) {
-    const double h = 0.01, g = -9.81;
-    const StepCoefficients k = stepCoefficients(scheme, h, 0.0);
-    // x = g t²/2 from t = −2h; BDF2 is exact for it in x, backward Euler in v.
-    double velocity_before = g * -2 * h, velocity = g * -1 * h;
-    double displacement = g * h * h / 2 - g * 4 * h * h / 2;
-    for (int step = 0; step < 10; ++step) {
-      const double way = k.displacement * displacement + k.velocity * velocity +
-                         k.previous_velocity * velocity_before + k.gravity * g;
-      const double next = k.from_way * way + k.from_displacement * displacement;
-      velocity_before = velocity;
-      velocity = next;
-      displacement = way;
-      EXPECT_NEAR(velocity, g * h * step, 1e-12);
+namespace {
+
+/// Free fall and a damped spring of one node by a scheme of one stage, or of SDIRK2's two.
+struct OneNode {
+  double x = 0, v = 0, d = 0, v_before = 0;
+  /// Minimises ½ m inertia (d − target)² + ½ k x².
+  void stage(const StepCoefficients& k, double gravity, double spring) {
+    const double target = k.displacement * d + k.velocity * v + k.previous_velocity * v_before + k.gravity * gravity;
+    const double way = (k.inertia * target - spring * x) / (k.inertia + spring);
+    const double next = k.from_way * way + k.from_displacement * d + k.from_velocity * v;
+    v_before = v;
+    v = next;
+    d = way;
+    x += way;
+  }
+};
+
+/// Error at t = 1 of x'' = −c x' − k x, x(0) = 1, x'(0) = 0.
+double springError(const char* scheme, int steps) {
+  const double h = 1.0 / steps, c = 0.6, k = 20.0;
+  OneNode node;
+  node.x = 1;
+  for (int step = 0; step < steps; ++step) {
+    if (scheme == std::string("sdirk2")) {
+      node.stage(backwardEuler(kSdirk2Gamma * h, c), 0, k);
+      node.stage(sdirk2SecondStage(h, c), 0, k);
+    } else {
+      node.stage(step > 0 && scheme == std::string("bdf2") ? bdf2(h, c) : backwardEuler(h, c), 0, k);
     }
+  }
+  const double w = std::sqrt(k - c * c / 4);
+  return std::abs(node.x - std::exp(-c / 2) * (std::cos(w) + c / (2 * w) * std::sin(w)));
+}
+
+}  // namespace
+
+TEST(StepCoefficients, HaveTheOrderOfTheirScheme) {
+  for (const auto& [scheme, order] : {std::pair{"backward_euler", 1.0}, {"bdf2", 2.0}, {"sdirk2", 2.0}}) {
+    const double measured = std::log2(springError(scheme, 400) / springError(scheme, 800));
+    EXPECT_NEAR(measured, order, 0.1) << scheme;
+  }
+  EXPECT_LT(springError("sdirk2", 400), 0.3 * springError("bdf2", 400));
+}
+
+TEST(StepCoefficients, FallFreely) {
+  const double h = 0.01, g = -9.81;
+  OneNode node;
+  for (int step = 1; step <= 20; ++step) {
+    node.stage(backwardEuler(kSdirk2Gamma * h, 0), g, 0);
+    node.stage(sdirk2SecondStage(h, 0), g, 0);
+    EXPECT_NEAR(node.v, g * h * step, 1e-12);
+    EXPECT_NEAR(node.x, 0.5 * g * h * h * step * step, 1e-12);
   }
 }
 

@@ -175,7 +175,7 @@ SlamResult slam(const SlamParameters& p) {
   const auto pose = [](double time) {
     const double down = std::min(1.0, time / 0.02);
     const double along = std::max(0.0, std::min(1.0, (time - 0.02) / 0.1));
-    return handleAt({0.1 * along, 0, kReferenceLength + 0.001 - 0.02 * down}, 70 * kPi / 180 * along);
+    return handleAt({0.1 * along, 0, kReferenceLength + 0.001 - 0.02 * down}, (-5 + 75 * along) * kPi / 180);
   };
   const double edge = kReferenceLength / (p.nodes - 1);
 

@@ -97,7 +97,7 @@ const std::vector<Scene>& scenes() {
                 "are 11 nodes.",
                 chain),
       makeScene("slide", "A block with a given speed slides on the sheet until friction has stopped it.",
-                "The block is the tip node of a rod. All other nodes weigh 1e-14 of it, the rod is so limp that it\n"
+                "The block is the tip node of a rod. All other nodes weigh 1e-9 of it in all, the rod is so limp that it\n"
                 "pushes with less than 1e-8 of the weight, and its handle follows the tip, so that it is slack.\n"
                 "A blow of one time step gives the block its momentum.",
                 slide),
@@ -107,7 +107,7 @@ const std::vector<Scene>& scenes() {
                 incline),
       makeScene("slam", "The handle slams 20 mm into the sheet in 20 ms and drags 100 mm in 0.1 s.",
                 "The rod of the tables, with the settings that the node has by default. While dragging, the handle\n"
-                "turns by 70 degrees against the hair, which bends it by more than 150 degrees.",
+                "turns from -5 to 70 degrees against the hair, which bends it by more than 150 degrees.",
                 slam),
   };
   return all;

@@ -32,13 +32,15 @@ struct SceneParameters {
 
 /// What every scene with a clock takes too.
 struct DynamicParameters : SceneParameters {
+  static constexpr double kLeastStep = 1e-6;
   double dt = 0.001;
   std::string scheme = "bdf2";
 
   template <class Self, class Visit>
   static void describe(Self& self, Visit& visit) {
-    visit("dt", self.dt, Range{1e-6, 0.1}, "s", "Time step.");
-    visit("scheme", self.scheme, Choices{"backward_euler", "bdf2"}, "1", "Time integration.");
+    visit("dt", self.dt, Range{Self::kLeastStep, 0.1}, "s", "Time step.");
+    visit("scheme", self.scheme, Choices{"backward_euler", "bdf2", "projection"}, "1",
+          "Time integration, as of the node.");
     SceneParameters::describe(self, visit);
   }
 };

@@ -51,7 +51,7 @@ inline ContactParameters noPaper() {
 class SingleRod {
  public:
   SingleRod(RodModel rod, const RodParameters& rods, const ContactParameters& contact)
-      : nodes_(rod.nodeCount()), length_(rod.length), rounding_((rods.precision == "float" ? 1e-6 : 1e-12) * std::max(1.0, 1e-4 * nodes_ * nodes_)) {
+      : nodes_(rod.nodeCount()), length_(rod.length), rounding_((rods.precision == "float" ? 1e-6 : 1e-11) * std::max(1.0, 1e-4 * nodes_ * nodes_)) {
     BrushModel brush;
     brush.tip_length = rod.length;
     brush.rods = {std::move(rod)};

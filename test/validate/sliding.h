@@ -6,6 +6,7 @@ namespace calligraphy_brush {
 namespace validate {
 
 struct SlideParameters : DynamicParameters {
+  static constexpr double kLeastStep = 1e-5;
   double speed = 0.5;
   double mu = 0.3;
   SlideParameters() { nodes = 4; }
@@ -32,6 +33,7 @@ struct SlideResult : SceneResult {
 SlideResult slide(const SlideParameters& parameters);
 
 struct InclineParameters : DynamicParameters {
+  static constexpr double kLeastStep = 1e-4;
   double mu = 0.3;
   double angle_deg = 20.0;
   InclineParameters() { nodes = 4; }

@@ -20,8 +20,10 @@ HeavyCantileverResult heavyCantilever(const HeavyCantileverParameters& p) {
   const double angle = p.clamp_angle_deg * kPi / 180;
   const auto pose = [](double turn) { return handleAt({0, 0, 0}, turn); };
   rod.place(pose(0));
-  const int steps = std::max(1, static_cast<int>(std::ceil(p.clamp_angle_deg)));
-  for (int step = 1; step <= steps; ++step) rod.step(pose(angle * step / steps));
+  // Ever more slowly: a rod that is about to buckle must not swing past the upright.
+  const int steps = 10 + static_cast<int>(std::ceil(4 * p.clamp_angle_deg));
+  for (int step = 1; step <= steps; ++step)
+    rod.step(pose(angle * (1 - std::pow(1 - static_cast<double>(step) / steps, 4))));
 
   HeavyCantileverResult result;
   result.converged = rod.rest(pose(angle), 20000);

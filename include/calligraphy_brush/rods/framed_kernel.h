@@ -31,17 +31,17 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
 
   /// As RodKernel::solve.
   static SolveReport solve(const RodBatchModel<Real>& model, const RodBatchRoots<Real>& roots,
-                           FramedRods<Real>& framed, const StepCoefficients& step, double gravity,
+                           FramedRods<Real>& framed, const StepCoefficients& step, double law, double gravity,
                            const SolverSettings& settings, int lane, Potential& potential,
                            RodBatchWorkspace<Real>& workspace, RodBatchState<Real>& state,
                            const double* pivot, Real* wrench) {
-    FramedKernel kernel(model, roots, framed, step, gravity, lane, potential, workspace, state);
+    FramedKernel kernel(model, roots, framed, step, law, gravity, lane, potential, workspace, state);
     return kernel.run(settings, pivot, wrench);
   }
 
  private:
   FramedKernel(const RodBatchModel<Real>& model, const RodBatchRoots<Real>& roots, FramedRods<Real>& framed,
-               const StepCoefficients& step, double gravity, int lane, Potential& potential,
+               const StepCoefficients& step, double law, double gravity, int lane, Potential& potential,
                RodBatchWorkspace<Real>& workspace, RodBatchState<Real>& state)
       : Base(potential, model.rod_count - lane, framed.trial_frame.data() + lane, framed.next_frame.data() + lane),
         n_(model.node_count),
@@ -60,6 +60,7 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
         factor_(framed.factor.data() + lane),
         step_(step),
         gravity_(gravity),
+        round_(real(1.0 - 4.0 * law)),
         length_(load<V>(model.edge_length.data() + lane)),
         root_position_(Vector::loadFrom(roots.position.data() + lane)),
         root_displacement_(Vector::loadFrom(roots.displacement.data() + lane)),
@@ -118,7 +119,7 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
     if constexpr (Potential::kPresent) potential_.beginPass();
     for (int i = 0; i < n_ - 1; ++i) {
       const Rotation q = frame(i);
-      elastic = elastic + jointEnergy(between(before, q), joint(i));
+      elastic = elastic + jointEnergy(between(before, q), joint(i), round_);
       way = way + (edgeOf(q) - Vector::loadFrom(edge_ + i * kVector));
       const Vector off = way - Vector::loadFrom(target_ + (i + 1) * kVector);
       const V w = weight * load<V>(mass_ + (i + 1) * kLanes);
@@ -135,7 +136,7 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
       gradient.storeTo(gradient_ + (i + 1) * kVector);
       before = q;
     }
-    energy_ = elastic + jointEnergy(between(before, end_frame_), joint(n_ - 1)) + inertia + contact;
+    energy_ = elastic + jointEnergy(between(before, end_frame_), joint(n_ - 1), round_) + inertia + contact;
   }
 
   Mask sweep(V majorant, V& decrement) {
@@ -163,7 +164,7 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
     S.yy = S.yy + tether_stiffness_;
     S.zz = S.zz + tether_stiffness_;
     Rotation here = Rotation::loadFrom(trial_ + (n_ - 2) * kFrame);
-    jointDerivatives(between(here, end_frame_), joint(n_ - 1), majorant, d);
+    jointDerivatives(between(here, end_frame_), joint(n_ - 1), round_, majorant, d);
     for (int a = 0; a < 3; ++a) {
       q[a] = d.gradient0[a];
       for (int b = 0; b < 3; ++b) Q[a][b] = d.hessian00[a][b];
@@ -171,7 +172,7 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
 
     for (int i = n_ - 2; i >= 0; --i) {
       const Rotation before = i > 0 ? Rotation::loadFrom(trial_ + (i - 1) * kFrame) : clamp_;
-      jointDerivatives(between(before, here), joint(i), majorant, d);
+      jointDerivatives(between(before, here), joint(i), round_, majorant, d);
       Vector d1, d2, t;
       axes(here, d1, d2, t);
       // A turn ω moves the far end of the edge by l (ω_y d₁ − ω_x d₂), and to second order by
@@ -302,7 +303,8 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
 
   void finish(const double* pivot, Real* wrench) {
     if constexpr (Potential::kPresent) potential_.finish();
-    const V from_way = real(step_.from_way), from_displacement = real(step_.from_displacement);
+    const V from_way = real(step_.from_way), from_displacement = real(step_.from_displacement),
+            from_velocity = real(step_.from_velocity);
     const V root_weight = real(step_.inertia) * load<V>(mass_);
     (root_weight * (root_displacement_ - Vector::loadFrom(target_))).storeTo(gradient_);
     Vector force{}, torque{};
@@ -319,8 +321,10 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
         q.storeTo(frame_ + (node - 1) * kFrame);
       }
       const int at = node * kVector;
-      Vector::loadFrom(velocity_ + at).storeTo(previous_velocity_ + at);
-      const Vector velocity = from_way * way + from_displacement * Vector::loadFrom(displacement_ + at);
+      const Vector old_velocity = Vector::loadFrom(velocity_ + at);
+      old_velocity.storeTo(previous_velocity_ + at);
+      const Vector velocity = from_way * way + (from_displacement * Vector::loadFrom(displacement_ + at) +
+                                                from_velocity * old_velocity);
       velocity.storeTo(velocity_ + at);
       way.storeTo(displacement_ + at);
       position.storeTo(position_ + at);
@@ -334,7 +338,7 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
       // The torque of the far clamp comes through the rod as well.
       JointDerivatives<V> d;
       const Rotation last = Rotation::loadFrom(trial_ + (n_ - 2) * kFrame);
-      jointDerivatives(between(last, end_frame_), joint(n_ - 1), V{}, d);
+      jointDerivatives(between(last, end_frame_), joint(n_ - 1), round_, V{}, d);
       Vector d1, d2, t;
       axes(last, d1, d2, t);
       torque = torque - (d.gradient0[0] * d1 + d.gradient0[1] * d2 + d.gradient0[2] * t);
@@ -349,6 +353,7 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
   Real *target_, *gradient_, *update_, *factor_;
   const StepCoefficients& step_;
   double gravity_;
+  V round_;  // of jointStrain
   V length_;
   Vector root_position_, root_displacement_;
   Rotation clamp_, end_frame_;

@@ -79,28 +79,37 @@ struct Joint {
 
 /// Strain of a joint whose edges' frames are related by q = q₀* q₁, q.w ≥ 0:
 ///
-///   κ = 2 (x, y)/√(w² + z²),  of size 2 tan(φ/2) for an angle φ of the tangents, in the directors
-///                              half-way between the two edges' (Bergou et al. 2008, equation 1)
-///   m = 2 atan(z/w)            the angle by which the directors twist from edge to edge
+///   κ = 2 (x, y)/r,  r² = w² + z² + b (x² + y²)   bending, in the directors half-way between the two
+///                                                  edges'; b = 1 − 4 p with p of bendingTerms:
+///                                                  0 for |κ| = 2 tan(φ/2), 1 for 2 sin(φ/2)
+///   m = 2 atan(z/w)                                the angle by which the directors twist
 ///
-/// Both do not depend on the length of q.
+/// Neither depends on the length of q. `round` is b.
+/// Source: Bergou et al. 2008, Discrete Elastic Rods, equation 1, for b = 0.
 template <class V>
 struct JointStrain {
   V bend1, bend2, twist;
 };
 
+namespace joint_detail {
 template <class V>
-CALLIGRAPHY_INLINE JointStrain<V> jointStrain(const Quaternion<V>& q) {
-  const V two = broadcast<V>(2);
-  const V r = two / sqrt(max(q.w * q.w + q.z * q.z, broadcast<V>(RealOf<V>(1e-12))));
-  return {r * q.x, r * q.y, two * arcTangent(q.z, q.w)};
+CALLIGRAPHY_INLINE V inverseRadius(const Quaternion<V>& q, V round) {
+  const V squared = q.w * q.w + q.z * q.z + round * (q.x * q.x + q.y * q.y);
+  return broadcast<V>(1) / sqrt(max(squared, broadcast<V>(RealOf<V>(1e-12))));
+}
+}  // namespace joint_detail
+
+template <class V>
+CALLIGRAPHY_INLINE JointStrain<V> jointStrain(const Quaternion<V>& q, V round) {
+  const V two = broadcast<V>(2), i = joint_detail::inverseRadius(q, round);
+  return {two * i * q.x, two * i * q.y, two * arcTangent(q.z, q.w)};
 }
 
 /// E = ½ bend₁ (κ₁ − κ̄₁)² + ½ bend₂ (κ₂ − κ̄₂)² + ½ twist (m − m̄)² [J].
 /// Source: Bergou et al. 2008, Discrete Elastic Rods, section 4.2, in principal directors.
 template <class V>
-CALLIGRAPHY_INLINE V jointEnergy(const Quaternion<V>& q, const Joint<V>& joint) {
-  const JointStrain<V> strain = jointStrain(q);
+CALLIGRAPHY_INLINE V jointEnergy(const Quaternion<V>& q, const Joint<V>& joint, V round) {
+  const JointStrain<V> strain = jointStrain(q, round);
   const V a = strain.bend1 - joint.natural1, b = strain.bend2 - joint.natural2,
           c = strain.twist - joint.natural_twist;
   return broadcast<V>(RealOf<V>(0.5)) * (joint.bend1 * a * a + joint.bend2 * b * b + joint.twist * c * c);
@@ -119,43 +128,50 @@ struct JointDerivatives {
 ///   ∂E/∂ω₁ₖ = ½ ∇E·(q eₖ)          ∂²E/∂ω₁ⱼ∂ω₁ₖ = ¼ (q eⱼ)ᵀH(q eₖ)
 ///   ∂E/∂ω₀ₖ = −½ ∇E·(eₖ q)         ∂²E/∂ω₀ⱼ∂ω₁ₖ = −¼ (eⱼ q)ᵀH(q eₖ) − ¼ ∇E·(eⱼ q eₖ)
 ///
-/// E has degree 0 in q, so ∇E·q = 0 and the second derivatives of exp itself drop out.
+/// E has degree 0 in q, so ∇E·q = 0 and the second derivatives of exp itself drop out. With
+/// D = diag(1, b, b, 1), r² = qᵀDq and d = Dq,
+///
+///   ∇κ₁ = 2 e_x/r − 2 x d/r³,   ∇²κ₁ = −2 (e_x dᵀ + d e_xᵀ)/r³ − 2 x D/r³ + 6 x d dᵀ/r⁵
+///
 /// `convex` in [0, 1] leaves out that part of what is not JᵀKJ, with J the derivative of the strain.
 template <class V>
-CALLIGRAPHY_INLINE void jointDerivatives(const Quaternion<V>& q, const Joint<V>& joint, V convex,
+CALLIGRAPHY_INLINE void jointDerivatives(const Quaternion<V>& q, const Joint<V>& joint, V round, V convex,
                                          JointDerivatives<V>& out) {
   const V zero{}, two = broadcast<V>(2), quarter = broadcast<V>(RealOf<V>(0.25)),
-          half = broadcast<V>(RealOf<V>(0.5));
-  const V rho = max(q.w * q.w + q.z * q.z, broadcast<V>(RealOf<V>(1e-12)));
-  const V i1 = broadcast<V>(1) / sqrt(rho), i2 = i1 * i1, i3 = i1 * i2, i5 = i3 * i2;
+          half = broadcast<V>(RealOf<V>(0.5)), four = broadcast<V>(4), six = broadcast<V>(6);
+  const V i1 = joint_detail::inverseRadius(q, round), i2 = i1 * i1, i3 = i1 * i2, i5 = i3 * i2;
+  const V spin = broadcast<V>(1) / max(q.w * q.w + q.z * q.z, broadcast<V>(RealOf<V>(1e-12)));
   const JointStrain<V> strain{two * i1 * q.x, two * i1 * q.y, two * arcTangent(q.z, q.w)};
   const V f1 = joint.bend1 * (strain.bend1 - joint.natural1);
   const V f2 = joint.bend2 * (strain.bend2 - joint.natural2);
   const V f3 = joint.twist * (strain.twist - joint.natural_twist);
 
   // Gradients of the strains by (w, x, y, z).
-  const V gw = -two * q.w * i3, gz = -two * q.z * i3;
-  const Quaternion<V> k1{gw * q.x, two * i1, zero, gz * q.x};
-  const Quaternion<V> k2{gw * q.y, zero, two * i1, gz * q.y};
-  const Quaternion<V> k3{-two * q.z * i2, zero, zero, two * q.w * i2};
-  const auto combine = [](V a, V b, V c) { return a + b + c; };
-  const Quaternion<V> gradient{combine(f1 * k1.w, f2 * k2.w, f3 * k3.w), f1 * k1.x, f2 * k2.y,
-                               combine(f1 * k1.z, f2 * k2.z, f3 * k3.z)};
+  const Quaternion<V> d{q.w, round * q.x, round * q.y, q.z};
+  const auto bendGradient = [&](V component, V in_x, V in_y) {
+    const V c = -two * component * i3;
+    return Quaternion<V>{c * d.w, in_x + c * d.x, in_y + c * d.y, c * d.z};
+  };
+  const Quaternion<V> k1 = bendGradient(q.x, two * i1, zero), k2 = bendGradient(q.y, zero, two * i1);
+  const Quaternion<V> k3{-two * q.z * spin, zero, zero, two * q.w * spin};
+  const Quaternion<V> gradient{f1 * k1.w + f2 * k2.w + f3 * k3.w, f1 * k1.x + f2 * k2.x,
+                               f1 * k1.y + f2 * k2.y, f1 * k1.z + f2 * k2.z + f3 * k3.z};
 
   // The part of H that bends with the forces.
   const V part = broadcast<V>(1) - convex;
-  const V along = part * (f1 * q.x + f2 * q.y);
-  const V three = broadcast<V>(3), six = broadcast<V>(6), four = broadcast<V>(4);
-  const V turn = part * f3 * i2 * i2;
-  const V Hww = -two * along * (i3 - three * q.w * q.w * i5) + turn * four * q.z * q.w;
-  const V Hzz = -two * along * (i3 - three * q.z * q.z * i5) - turn * four * q.z * q.w;
-  const V Hwz = six * along * q.w * q.z * i5 + turn * two * (q.z * q.z - q.w * q.w);
-  const V Hwx = part * f1 * gw, Hzx = part * f1 * gz, Hwy = part * f2 * gw, Hzy = part * f2 * gz;
+  const V along = f1 * q.x + f2 * q.y;
+  const V turn = part * f3 * spin * spin;
+  const V Tww = turn * four * q.z * q.w, Twz = turn * two * (q.z * q.z - q.w * q.w);
   const auto apply = [&](const Quaternion<V>& v) {
     const V s1 = joint.bend1 * dot(k1, v), s2 = joint.bend2 * dot(k2, v), s3 = joint.twist * dot(k3, v);
-    return Quaternion<V>{s1 * k1.w + s2 * k2.w + s3 * k3.w + Hww * v.w + Hwz * v.z + Hwx * v.x + Hwy * v.y,
-                         s1 * k1.x + Hwx * v.w + Hzx * v.z, s2 * k2.y + Hwy * v.w + Hzy * v.z,
-                         s1 * k1.z + s2 * k2.z + s3 * k3.z + Hwz * v.w + Hzz * v.z + Hzx * v.x + Hzy * v.y};
+    const V d_v = dot(d, v), f_v = f1 * v.x + f2 * v.y;
+    const V on_d = part * (six * i5 * along * d_v - two * i3 * f_v);
+    const V on_f = -part * two * i3 * d_v, on_D = -part * two * i3 * along;
+    return Quaternion<V>{
+        s1 * k1.w + s2 * k2.w + s3 * k3.w + on_d * d.w + on_D * v.w + Tww * v.w + Twz * v.z,
+        s1 * k1.x + s2 * k2.x + on_d * d.x + on_D * round * v.x + on_f * f1,
+        s1 * k1.y + s2 * k2.y + on_d * d.y + on_D * round * v.y + on_f * f2,
+        s1 * k1.z + s2 * k2.z + s3 * k3.z + on_d * d.z + on_D * v.z + Twz * v.w - Tww * v.z};
   };
 
   const Quaternion<V> right[3] = {{-q.x, q.w, q.z, -q.y}, {-q.y, -q.z, q.w, q.x}, {-q.z, q.y, -q.x, q.w}};

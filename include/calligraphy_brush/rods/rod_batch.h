@@ -67,11 +67,22 @@ struct FramedRods {
   AlignedVector<Real> factor;                   ///< [edge][27][lane]
 };
 
+/// Length of rod that each joint stands for, where its strain is taken to be the same. In the middle it
+/// is an edge's length l. At a clamp, where a rod bends most:
+///
+///   kHalf       l/2 at the clamp: the trapezoidal rule. A clamp by a fixed first edge, the usual way,
+///               lets the rod begin at l/2, an error of first order in l; this one is of second
+///   kCorrected  5/12 l at the clamp and 13/12 l at the joint beside it: the trapezoidal rule with
+///               Gregory's end correction, which takes away most of what is left
+enum class ClampRule { kHalf, kCorrected };
+
 /// Rods of a brush by their indices, at most kLanes. All have equally many nodes.
 template <class Real>
-RodBatchModel<Real> makeRodBatchModel(const std::vector<RodModel>& rods, const std::vector<int>& indices);
+RodBatchModel<Real> makeRodBatchModel(const std::vector<RodModel>& rods, const std::vector<int>& indices,
+                                      ClampRule clamp);
 template <class Real>
-FramedRods<Real> makeFramedRods(const std::vector<RodModel>& rods, const std::vector<int>& indices);
+FramedRods<Real> makeFramedRods(const std::vector<RodModel>& rods, const std::vector<int>& indices,
+                                ClampRule clamp);
 
 /// Sizes every array for a model, with zeros.
 template <class Real>

@@ -13,7 +13,7 @@ namespace calligraphy_brush {
 ///
 ///   Φ = Σ_i ½ w_i |d_i − target_i|² + Σ_j k_j f(|t_j − t_{j−1}|²) + Σ_i potential_i
 ///
-/// (d: way of a node in the step; k: joint stiffness; f: BendingLaw; t₋₁: the clamp direction) by
+/// (d: way of a node in the step; k: joint stiffness; f: bendingTerms; t₋₁: the clamp direction) by
 /// Newton's method with an energy line search. Unknowns are two numbers u an edge e, in the plane
 /// perpendicular to it: e ← l (e + P u)/|e + P u|, so the length is kept to rounding. The Newton
 /// system is dense, since an edge moves all nodes beyond it, but has the structure of a linear
@@ -23,8 +23,8 @@ namespace calligraphy_brush {
 /// those lanes repeat the sweep with a positive definite majorant.
 ///
 /// Twist is at rest in such a rod, and so is not computed (Bergou et al. 2008, section 5).
-template <class V, class BendingLaw, class Potential>
-class RodKernel : public NewtonStep<RodKernel<V, BendingLaw, Potential>, V, Potential> {
+template <class V, class Potential>
+class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
   using Base = NewtonStep<RodKernel, V, Potential>;
   friend Base;
   static constexpr bool kConstrained = false;
@@ -35,20 +35,20 @@ class RodKernel : public NewtonStep<RodKernel<V, BendingLaw, Potential>, V, Pote
   using Mask = typename Base::Mask;
   using Vector = typename Base::Vector;
 
-  /// Solves lanes `lane` .. lane + kWidth − 1 and moves their state to the end of the step.
+  /// law: p of bendingTerms. Solves lanes `lane` .. lane + kWidth − 1 and moves their state to the end of the step.
   /// `wrench`, if not null, receives [force x y z, torque x y z about `pivot`][lane] that each rod
   /// puts on its clamp [N, N m].
   static SolveReport solve(const RodBatchModel<Real>& model, const RodBatchRoots<Real>& roots,
-                           const StepCoefficients& step, double gravity, const SolverSettings& settings,
+                           const StepCoefficients& step, double law, double gravity, const SolverSettings& settings,
                            int lane, Potential& potential, RodBatchWorkspace<Real>& workspace,
                            RodBatchState<Real>& state, const double* pivot, Real* wrench) {
-    RodKernel kernel(model, roots, step, gravity, lane, potential, workspace, state);
+    RodKernel kernel(model, roots, step, law, gravity, lane, potential, workspace, state);
     return kernel.run(settings, pivot, wrench);
   }
 
  private:
   RodKernel(const RodBatchModel<Real>& model, const RodBatchRoots<Real>& roots,
-            const StepCoefficients& step, double gravity, int lane, Potential& potential,
+            const StepCoefficients& step, double law, double gravity, int lane, Potential& potential,
             RodBatchWorkspace<Real>& workspace, RodBatchState<Real>& state)
       : Base(potential, model.rod_count - lane, workspace.trial_edge.data() + lane,
              workspace.next_edge.data() + lane),
@@ -66,6 +66,7 @@ class RodKernel : public NewtonStep<RodKernel<V, BendingLaw, Potential>, V, Pote
         factor_(workspace.factor.data() + lane),
         step_(step),
         gravity_(gravity),
+        law_(real(law)),
         length_(load<V>(model.edge_length.data() + lane)),
         inverse_length_(real(1) / length_),
         inverse_length_squared_(inverse_length_ * inverse_length_),
@@ -116,7 +117,7 @@ class RodKernel : public NewtonStep<RodKernel<V, BendingLaw, Potential>, V, Pote
     for (int i = 0; i < n_ - 1; ++i) {
       const Vector e = edge(i);
       const V s = squaredNorm(e - before) * inverse_length_squared_;
-      bending = bending + load<V>(spring_ + i * kLanes) * BendingLaw::evaluate(s).value;
+      bending = bending + load<V>(spring_ + i * kLanes) * bendingTerms(s, law_).value;
       way = way + (e - Vector::loadFrom(edge_ + i * kVector));
       const Vector off = way - Vector::loadFrom(target_ + (i + 1) * kVector);
       const V w = weight * load<V>(mass_ + (i + 1) * kLanes);
@@ -175,7 +176,7 @@ class RodKernel : public NewtonStep<RodKernel<V, BendingLaw, Potential>, V, Pote
 
       // The joint between `before` and e.
       const V s = squaredNorm(e - before) * inverse_length_squared_;
-      const BendingTerms<V> law = BendingLaw::evaluate(s);
+      const BendingTerms<V> law = bendingTerms(s, law_);
       const V k = load<V>(spring_ + i * kLanes);
       const V A = two * k * law.first;
       const V B = real(4) * k * law.second * inverse_length_squared_;
@@ -302,7 +303,8 @@ class RodKernel : public NewtonStep<RodKernel<V, BendingLaw, Potential>, V, Pote
   /// Moves the state to the end of the step.
   void finish(const double* pivot, Real* wrench) {
     if constexpr (Potential::kPresent) potential_.finish();
-    const V from_way = real(step_.from_way), from_displacement = real(step_.from_displacement);
+    const V from_way = real(step_.from_way), from_displacement = real(step_.from_displacement),
+            from_velocity = real(step_.from_velocity);
     const V root_weight = real(step_.inertia) * load<V>(mass_);
     Vector((root_weight * (root_displacement_ - Vector::loadFrom(target_)))).storeTo(gradient_);
     Vector force{}, torque{};
@@ -317,8 +319,10 @@ class RodKernel : public NewtonStep<RodKernel<V, BendingLaw, Potential>, V, Pote
         e.storeTo(old);
       }
       const int at = node * kVector;
-      Vector::loadFrom(velocity_ + at).storeTo(previous_velocity_ + at);
-      const Vector velocity = from_way * way + from_displacement * Vector::loadFrom(displacement_ + at);
+      const Vector old_velocity = Vector::loadFrom(velocity_ + at);
+      old_velocity.storeTo(previous_velocity_ + at);
+      const Vector velocity = from_way * way + (from_displacement * Vector::loadFrom(displacement_ + at) +
+                                                from_velocity * old_velocity);
       velocity.storeTo(velocity_ + at);
       way.storeTo(displacement_ + at);
       position.storeTo(position_ + at);
@@ -340,6 +344,7 @@ class RodKernel : public NewtonStep<RodKernel<V, BendingLaw, Potential>, V, Pote
   Real *target_, *gradient_, *update_, *factor_;
   const StepCoefficients& step_;
   double gravity_;
+  V law_;  // p of bendingTerms
   V length_, inverse_length_, inverse_length_squared_;
   Vector root_position_, root_displacement_, clamp_;
 };

@@ -2,17 +2,16 @@
 
 namespace calligraphy_brush {
 
-enum class Scheme { kBackwardEuler, kBdf2 };
-
-/// A linear multistep scheme as one minimisation.
+/// A stage of a time integration as one minimisation.
 ///
-/// With d the displacement of a node in the step, every such scheme turns
-/// m a + c m v = m g − ∂E/∂x into the minimum over d of
+/// With d the way of a node in the stage, a stage turns m a + c m v = m g − ∂E/∂x into the minimum
+/// over d of
 ///
-///   Σ ½ m inertia |d − target|² + E,   and then   v = from_way d + from_displacement d₋
+///   Σ ½ m inertia |d − target|² + E,
+///   and then   v = from_way d + from_displacement d₋ + from_velocity v₋
 ///
 /// target = displacement d₋ + velocity v₋ + previous_velocity v₋₋ + gravity g, where − marks values
-/// one step old and −− two. Gravity is part of the target, so damping leaves the static shape alone.
+/// one stage old and −− two. Gravity is part of the target, so damping leaves the static shape alone.
 struct StepCoefficients {
   double inertia;            ///< [1/s²]
   double displacement;       ///< [1]
@@ -21,28 +20,54 @@ struct StepCoefficients {
   double gravity;            ///< [s²]
   double from_way;           ///< [1/s]
   double from_displacement;  ///< [1/s]
+  double from_velocity;      ///< [1]
 };
 
-/// h: time step [s] > 0; damping: c [1/s] ≥ 0.
-///
-/// Backward Euler: v = d/h, a = (v − v₋)/h.
-/// BDF2: v = (3d − d₋)/(2h), a = (3v − 4v₋ + v₋₋)/(2h); needs two steps of history, so the first
-/// step after a start is backward Euler's.
-inline StepCoefficients stepCoefficients(Scheme scheme, double h, double damping) {
+/// Backward Euler over h [s] > 0 with damping c [1/s] ≥ 0: v = d/h, a = (v − v₋)/h. First order.
+inline StepCoefficients backwardEuler(double h, double damping) {
   StepCoefficients k{};
-  const bool bdf2 = scheme == Scheme::kBdf2;
-  const double rate = bdf2 ? 1.5 / h : 1.0 / h;  // of v by d, and of a by v
+  const double rate = 1.0 / h;
   k.inertia = rate * (rate + damping);
-  k.from_way = rate;
+  k.velocity = rate / k.inertia;
   k.gravity = 1.0 / k.inertia;
-  if (bdf2) {
-    k.from_displacement = -0.5 / h;
-    k.displacement = (rate + damping) * (0.5 / h) / k.inertia;
-    k.velocity = (2.0 / h) / k.inertia;
-    k.previous_velocity = -(0.5 / h) / k.inertia;
-  } else {
-    k.velocity = (1.0 / h) / k.inertia;
-  }
+  k.from_way = rate;
+  return k;
+}
+
+/// BDF2: v = (3d − d₋)/(2h), a = (3v − 4v₋ + v₋₋)/(2h). Second order, and L-stable. Needs the history
+/// of two steps, so the first step after a start is backward Euler's.
+inline StepCoefficients bdf2(double h, double damping) {
+  StepCoefficients k{};
+  const double rate = 1.5 / h;
+  k.inertia = rate * (rate + damping);
+  k.displacement = (rate + damping) * (0.5 / h) / k.inertia;
+  k.velocity = (2.0 / h) / k.inertia;
+  k.previous_velocity = -(0.5 / h) / k.inertia;
+  k.gravity = 1.0 / k.inertia;
+  k.from_way = rate;
+  k.from_displacement = -0.5 / h;
+  return k;
+}
+
+/// SDIRK2 of Alexander 1977 (Diagonally Implicit Runge–Kutta Methods for Stiff ODEs, theorem 5): two
+/// stages, at γh and h with γ = 1 − 1/√2. Second order, L-stable, and starts by itself.
+constexpr double kSdirk2Gamma = 0.29289321881345247560;
+
+/// Its first stage is backward Euler over γh. In the second, with r = 1/(γh), s = (1 − γ)/γ and the
+/// first stage's d₋, v₋ and the step's v₋₋:
+///
+///   v = r (d + d₋) − s v₋,   a = r (v − (1 − s) v₋₋ − s v₋)
+inline StepCoefficients sdirk2SecondStage(double h, double damping) {
+  StepCoefficients k{};
+  const double rate = 1.0 / (kSdirk2Gamma * h), s = (1.0 - kSdirk2Gamma) / kSdirk2Gamma;
+  k.inertia = rate * (rate + damping);
+  k.displacement = -1.0;
+  k.velocity = s / rate + s / (rate + damping);
+  k.previous_velocity = (1.0 - s) / (rate + damping);
+  k.gravity = 1.0 / k.inertia;
+  k.from_way = rate;
+  k.from_displacement = rate;
+  k.from_velocity = -s;
   return k;
 }
 

@@ -8,8 +8,6 @@
 
 namespace calligraphy_brush {
 
-enum class BendingLawName { kTangent, kSine };
-
 /// One batch of rods and all that its step reads and writes.
 template <class Real>
 struct RodStep {
@@ -17,7 +15,7 @@ struct RodStep {
   const RodBatchRoots<Real>& roots;
   const StepCoefficients& coefficients;
   const SolverSettings& settings;
-  BendingLawName law;
+  double law;                        ///< p of bendingTerms
   double gravity;                    ///< [m/s²]
   const double* pivot;               ///< point of the wrench's torque in the paper frame [m], 3
   PaperContactState<Real>* contact;  ///< null: there is no sheet
@@ -48,7 +46,7 @@ extern const RodStepKernel kRodStepBaseline;
 
 namespace rod_step_detail {
 
-template <class V, class Law>
+template <class V>
 SolveReport solveBatch(const RodStep<RealOf<V>>& step) {
   SolveReport report;
   const auto add = [&report](const SolveReport& part) {
@@ -61,10 +59,10 @@ SolveReport solveBatch(const RodStep<RealOf<V>>& step) {
     const auto solveWith = [&](auto& potential) {
       if (step.framed)
         return FramedKernel<V, std::decay_t<decltype(potential)>>::solve(
-            step.model, step.roots, *step.framed, step.coefficients, step.gravity, step.settings, lane,
+            step.model, step.roots, *step.framed, step.coefficients, step.law, step.gravity, step.settings, lane,
             potential, step.workspace, step.state, step.pivot, step.wrench ? step.wrench + lane : nullptr);
-      return RodKernel<V, Law, std::decay_t<decltype(potential)>>::solve(
-          step.model, step.roots, step.coefficients, step.gravity, step.settings, lane, potential,
+      return RodKernel<V, std::decay_t<decltype(potential)>>::solve(
+          step.model, step.roots, step.coefficients, step.law, step.gravity, step.settings, lane, potential,
           step.workspace, step.state, step.pivot, step.wrench ? step.wrench + lane : nullptr);
     };
     // Rods that touched nothing and end above the sheet have not met it.
@@ -85,9 +83,7 @@ SolveReport solveBatch(const RodStep<RealOf<V>>& step) {
 /// The step in registers of `Bytes` bytes.
 template <class Real, int Bytes>
 SolveReport solve(const RodStep<Real>& step) {
-  using V = Lanes<Real, Bytes / static_cast<int>(sizeof(Real))>;
-  return step.law == BendingLawName::kTangent ? solveBatch<V, TangentLaw>(step)
-                                              : solveBatch<V, SineLaw>(step);
+  return solveBatch<Lanes<Real, Bytes / static_cast<int>(sizeof(Real))>>(step);
 }
 
 }  // namespace rod_step_detail

@@ -2,6 +2,7 @@
 
 #include <Eigen/Geometry>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -41,8 +42,11 @@ class Tuft {
   /// Force of a rod on its far clamp after the last step [N]; zero where it has none.
   virtual Eigen::Vector3d endForce(int rod) const;
 
-  /// One time step, at the end of which the handle is at X_PH.
+  /// One time step, at the end of which the handle is at X_PH. A scheme that needs it in between takes
+  /// it on the straight way from where it was.
   virtual TuftReport step(const Eigen::Isometry3d& X_PH) = 0;
+  /// One time step in which the handle is at X_PH(c) after the part c of it, 0 < c ≤ 1.
+  virtual TuftReport stepAlong(const std::function<Eigen::Isometry3d(double)>& X_PH) { return step(X_PH(1.0)); }
 
   /// A load on a node [N] from the next step on, until it is set anew; place() takes all loads away.
   /// Throws std::invalid_argument where the scheme takes none.
