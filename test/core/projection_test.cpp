@@ -16,6 +16,7 @@ constexpr double kPi = 3.14159265358979323846;
 RodParameters projection(double time_step) {
   RodParameters rods;
   rods.scheme = "projection";
+  rods.bending_law = "tangent";
   rods.time_step = time_step;
   rods.tolerance = 1e-8;
   return rods;

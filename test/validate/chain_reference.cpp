@@ -92,6 +92,7 @@ std::vector<TipAt> solvePlanarChain(const PlanarChain& chain, const std::vector<
     fastest_squared = std::max(
         fastest_squared, 16 * chain.joint[j] / (chain.mass[j + (j + 1 < m ? 1 : 0)] * chain.link * chain.link));
   const double longest = 0.4 / std::sqrt(fastest_squared);
+  if (!times.empty() && static_cast<double>(m) * times.back() / longest > 3e8) return {};
 
   Motion motion(chain);
   std::vector<double> state(size, 0.0), trial(size), k1(size), k2(size), k3(size), k4(size);

@@ -20,7 +20,8 @@ struct PlanarChain {
 ///
 /// Classical Runge–Kutta (order 4) of the links' angles, so links keep their length exactly; the
 /// accelerations follow in O(n) from the tensions, a tridiagonal system. Shares no code and no idea
-/// with the implicit solver. The step is 0.4 over the highest frequency.
+/// with the implicit solver. The step is 0.4 over the highest frequency. Empty if that would take more
+/// than about half a minute.
 std::vector<TipAt> solvePlanarChain(const PlanarChain& chain, const std::vector<double>& times);
 
 }  // namespace validate

@@ -75,7 +75,8 @@ class PressedRod {
     for (int node = 0; node < p_.nodes; ++node)
       result.out_of_plane = std::max(result.out_of_plane, std::abs(rod_.node(node).y()));
     if (force.z() > 0) result.flat_length = flatLength();
-    const bool slips = std::hypot(force.x(), force.y()) >= (1 - 1e-6) * p_.mu * force.z();
+    const double on_the_cone = p_.precision == "float" ? 0.995 : 1 - 1e-6;
+    const bool slips = std::hypot(force.x(), force.y()) >= on_the_cone * p_.mu * force.z();
     result.state = force.z() <= 0 ? "free" : slips ? slipping : "stick";
     return result;
   }

@@ -59,7 +59,8 @@ struct ReleaseResult : SceneResult {
   template <class Self, class Visit>
   static void describe(Self& self, Visit& visit) {
     visit("tip", self.tip, "s, m", "Tip at 5, 10, 20, 30, 40, 50, 60, 80, 100, 150, 200, 300, 500 ms, 1 s and the end.");
-    visit("max_error", self.max_error, "m", "Largest distance of these from the discrete rod's exact motion.");
+    visit("max_error", self.max_error, "m",
+          "Largest distance of these from the discrete rod's exact motion; null where that takes too long.");
     SceneResult::describe(self, visit);
   }
 };
@@ -67,6 +68,8 @@ struct ReleaseResult : SceneResult {
 ReleaseResult release(const ReleaseParameters& parameters);
 
 struct ChainParameters : DynamicParameters {
+  // Projection holds the first link.
+  static Choices schemes() { return {"backward_euler", "bdf2"}; }
   ChainParameters() { nodes = 11; }
 };
 

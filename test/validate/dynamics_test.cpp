@@ -106,6 +106,20 @@ TEST(Release, NearsTheExactMotionWithTheOrderOfTheScheme) {
     }
 }
 
+TEST(Release, ByProjectionIsOfFirstOrderToo) {
+  std::vector<double> errors;
+  for (const double dt : {4e-5, 2e-5}) {
+    ReleaseParameters p;
+    p.nodes = 10;
+    p.scheme = "projection";
+    p.dt = dt;
+    p.duration = 0.05;
+    errors.push_back(release(p).max_error);
+  }
+  EXPECT_LT(errors[1], 1e-5);
+  EXPECT_NEAR(std::log2(errors[0] / errors[1]), 1.0, 0.3);
+}
+
 TEST(Release, OfAnotherRodIsAsAccurate) {
   // Lengths, stiffness and density scaled so that the motion is the same in units of length.
   ReleaseParameters p;

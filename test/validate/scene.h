@@ -33,14 +33,15 @@ struct SceneParameters {
 /// What every scene with a clock takes too.
 struct DynamicParameters : SceneParameters {
   static constexpr double kLeastStep = 1e-6;
+  static Choices schemes() { return {"backward_euler", "bdf2", "projection"}; }
   double dt = 0.001;
   std::string scheme = "bdf2";
 
   template <class Self, class Visit>
   static void describe(Self& self, Visit& visit) {
     visit("dt", self.dt, Range{Self::kLeastStep, 0.1}, "s", "Time step.");
-    visit("scheme", self.scheme, Choices{"backward_euler", "bdf2", "projection"}, "1",
-          "Time integration, as of the node.");
+    visit("scheme", self.scheme, Self::schemes(), "1",
+          "Time integration, as of the node; with projection nothing truly sticks, and dt has to be near 0.1 ms.");
     SceneParameters::describe(self, visit);
   }
 };
@@ -53,7 +54,7 @@ struct SceneResult {
   template <class Self, class Visit>
   static void describe(Self& self, Visit& visit) {
     visit("converged", self.converged, "",
-          "Static scenes: came to rest, with every step at rest solved; others: every step solved.");
+          "Static scenes: came to rest, in double with every step at rest solved; others: every step solved.");
     visit("iterations", self.iterations, "1", "Newton iterations of all steps.");
   }
 };
@@ -161,7 +162,8 @@ template <class Parameters, class Result>
 std::string help(const Scene& scene) {
   std::ostringstream out;
   out << scene.name << ": " << scene.summary << "\n\n" << scene.explanation << "\n\nArguments:\n";
-  for (const ParameterRow& row : listParameters(Parameters{}))
+  const Parameters defaults;
+  for (const ParameterRow& row : listParameters(defaults))
     out << "  " << toOption(row.name) << " " << row.range << (row.unit == "1" ? "" : " " + row.unit) << ", default "
         << row.value << "\n      " << row.description << "\n";
   out << "\nResults:\n";

@@ -40,7 +40,7 @@ TipLoadResult tipLoad(const TipLoadParameters& p) {
   // has none: there the rod creeps in a viscous medium.
   RodParameters rods = exactRods(0.1, "backward_euler", p.precision);
   if (p.follower) rods.damping = 20.0;
-  SingleRod rod(makeUniformRod(1.0, 1.0, p.follower ? 1.0 : 1e-6, p.nodes), rods, noPaper());
+  SingleRod rod(makeUniformRod(1.0, 1.0, p.follower ? 1.0 : 1e-3, p.nodes), rods, noPaper());
   const Eigen::Isometry3d X = handleAt({0, 0, 0}, kPi / 2);
   const auto tangent = [&rod, &p]() -> Eigen::Vector3d {
     return (rod.tip() - rod.node(p.nodes - 2)).normalized();

@@ -17,24 +17,26 @@ namespace calligraphy_brush {
 ///   x⁺ = the projection of x̃ onto C(x) = 0 in the metric of M   root, inextensibility, sheet
 ///   v⁺ = (x⁺ − x)/h, then friction on v⁺ of the nodes on the sheet
 ///
-/// The force of bending is the gradient of Σ_i ½ (EI/l) |κb_i|², κb = 2 e×f/(l² + e·f), by equation 7
-/// of Bergou et al. 2008; stable for h < 2/ω_max only, with ω_max ≈ 4 √(EI/(m l))/l^(3/2), m: a node's
-/// mass. The root and the direction there fix the first two nodes, so the rod is clamped in effect at
-/// half an edge from the root: an error of first order in l that the other schemes do not have.
+/// The force of bending is minus the gradient of Σ_i ½ (EI/l) |κb_i|², κb = 2 e×f/(l² + e·f), as in
+/// section 7 of Bergou et al. 2008; it is stable for h < 2/ω_max only, ω_max = 4 √(EI/(m l³)), m: mass
+/// of a node. The root and the direction there fix the first two nodes, so the rod is clamped in effect
+/// at half an edge from the root: an error of first order in l that the other schemes do not have. The
+/// projection takes the direction of the constraints' forces on its way, not at its end, so a rod at
+/// rest is off its static shape by an amount of second order in h.
 ///
 /// The sheet lets nodes 2 .. n − 1 not below z = 0, and takes part in the projection for the nodes that
 /// would be: they are found as it goes on, and it starts again without those that the sheet would pull.
 ///
 /// Friction changes velocities only: |v_t| falls by µ Δv_n at most, Δv_n being the normal velocity
 /// that the sheet gave the node in the step. The projection has moved the node before friction is
-/// asked, so nothing ever truly sticks: a pressed tip slides as far for µ = 100 as for µ = 0.
+/// asked, so nothing ever truly sticks: a pressed tip slides as far for µ = 10 as for µ = 0.
 ///
-/// Always in double precision, one rod after another, with sparse matrices by Eigen; it reads
-/// RodParameters::tolerance as the residual of a constraint over the length of an edge.
+/// Always in double precision, rod by rod, with sparse matrices by Eigen. RodParameters::tolerance is the
+/// residual of a constraint over the length of an edge; clamp and instruction_set have no effect.
 ///
 /// Sources: Bergou et al. 2008, Discrete Elastic Rods (forces, boundary conditions); Goldenthal et al.
 /// 2007, Efficient Simulation of Inextensible Cloth, algorithm 1 (fast projection); Bridson et al.
-/// 2002, Robust Treatment of Collisions, Contact and Friction for Cloth Animation, equation 2.
+/// 2002, Robust Treatment of Collisions, Contact and Friction for Cloth Animation (its friction).
 class ProjectionTuft : public Tuft {
  public:
   /// Throws ParameterError for a bending law other than that of the paper, std::invalid_argument for
