@@ -51,6 +51,7 @@ output=$(absolute "$output")
 
 [ -f "$bag" ] || fail "no such bag: $bag"
 [[ $rate =~ ^[0-9]*\.?[0-9]+$ && ! $rate =~ ^[0.]*$ ]] || fail "--rate must be a number above 0, not $rate"
+[ ! -d "$output" ] || fail "--output must be a file, and $output is a folder"
 [ -d "$(dirname "$output")" ] || fail "no such folder for the picture: $(dirname "$output")"
 for preset in "brushes/$brush" "papers/$paper"; do
   name=${preset#*/}
@@ -60,7 +61,7 @@ done
 if [ -z "${DISPLAY:-}" ]; then headless=true; fi
 
 if $headless; then install_missing; else install_missing rviz libgl1-mesa-dri; fi
-build brush_simulator_node watch_stroke
+build brush_simulator_node calligraphy_brush_nodelets stroke_replay stroke_writer watch_stroke
 enter "$build_dir/devel/setup.bash"
 
 # A master, ports and logs of its own: nothing else on this machine is disturbed.
@@ -91,6 +92,13 @@ clean_up() {
 trap clean_up EXIT
 trap 'exit 130' INT
 trap 'exit 143' TERM
+
+# Poses of the handle are for one brush: another is longer or shorter, thicker or thinner.
+if [ "$bag" = "$source_dir/config/strokes/ei.bag" ] && [ "$brush" != medium ]; then
+  say "planning the strokes for brush $brush"
+  bag=$scratch/ei.bag
+  "$build_dir/devel/lib/calligraphy_brush/stroke_writer" "$source_dir/config/strokes/ei.yaml" --brush "$brush" --bag "$bag"
+fi
 
 say "writing $(basename "$bag" .bag) with brush $brush on paper $paper"
 delay=0.2

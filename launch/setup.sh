@@ -9,7 +9,7 @@ fail() { printf 'error: %s\n' "$*" >&2; exit 1; }
 
 packages=(
   build-essential cmake git ninja-build python3
-  libboost-program-options-dev libeigen3-dev libgtest-dev libpng-dev libyaml-cpp-dev
+  libbenchmark-dev libboost-program-options-dev libeigen3-dev libgtest-dev libpng-dev libyaml-cpp-dev
   catkin ros-geometry-msgs ros-message-generation ros-std-msgs ros-std-srvs
   libdiagnostic-updater-dev libgeometry-msgs-dev libimage-transport-dev libnav-msgs-dev
   libnodeletlib-dev libnodeletlib-tools librosbag-dev libroscpp-dev librostest-dev libsensor-msgs-dev

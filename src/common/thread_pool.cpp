@@ -5,13 +5,30 @@
 namespace calligraphy_brush {
 
 ThreadPool::ThreadPool(int threads) {
-  for (int thread = 1; thread < threads; ++thread) workers_.emplace_back([this, thread] { work(thread); });
+  try {
+    for (int thread = 1; thread < threads; ++thread)
+      workers_.emplace_back([this, thread] { work(thread); });
+  } catch (...) {
+    finish();
+    throw;
+  }
 }
 
-ThreadPool::~ThreadPool() {
+ThreadPool::~ThreadPool() { finish(); }
+
+void ThreadPool::finish() {
   stop_ = true;
-  ++round_;
+  start();
   for (auto& worker : workers_) worker.join();
+}
+
+void ThreadPool::start() {
+  // Under the lock, so that no worker can be between its last look at round_ and its sleep.
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    ++round_;
+  }
+  wake_.notify_all();
 }
 
 void ThreadPool::run(int count, const std::function<void(int, int)>& task) {
@@ -23,7 +40,7 @@ void ThreadPool::run(int count, const std::function<void(int, int)>& task) {
   task_ = &task;
   next_ = 0;
   busy_ = static_cast<int>(workers_.size());
-  ++round_;
+  start();
   takeIndices(0);
   while (busy_.load(std::memory_order_acquire) > 0) std::this_thread::yield();
 }
@@ -35,14 +52,15 @@ void ThreadPool::takeIndices(int thread) {
 void ThreadPool::work(int thread) {
   unsigned seen = 0;
   for (;;) {
-    // Yielding keeps the hand-over short; after a quiet millisecond, sleeping keeps the machine cool.
-    auto quiet_since = std::chrono::steady_clock::now();
-    for (int looks = 0; round_.load(std::memory_order_acquire) == seen; ++looks) {
-      if (looks % 64 != 63) continue;
-      if (std::chrono::steady_clock::now() - quiet_since < std::chrono::milliseconds(1))
+    // Yielding keeps the hand-over short; after a quiet millisecond the processor is for others.
+    const auto quiet_since = std::chrono::steady_clock::now();
+    while (round_.load(std::memory_order_acquire) == seen) {
+      if (std::chrono::steady_clock::now() - quiet_since < std::chrono::milliseconds(1)) {
         std::this_thread::yield();
-      else
-        std::this_thread::sleep_for(std::chrono::microseconds(100));
+        continue;
+      }
+      std::unique_lock<std::mutex> lock(mutex_);
+      wake_.wait(lock, [&] { return round_.load(std::memory_order_acquire) != seen; });
     }
     ++seen;
     if (stop_) return;

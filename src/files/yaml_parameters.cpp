@@ -3,6 +3,7 @@
 #include <dlfcn.h>
 #include <yaml-cpp/yaml.h>
 
+#include <algorithm>
 #include <cstdlib>
 #include <filesystem>
 #include <set>
@@ -25,6 +26,10 @@ class Flattener {
         continue;
       }
       const std::string key = prefix + pair.first.Scalar();
+      if (pair.second.IsMap() && std::count(key.begin(), key.end(), '/') > 8) {
+        report(pair.first, key, "is nested too deeply");  // as an alias of its own parent is
+        return;
+      }
       if (pair.second.IsMap()) {
         flatten(pair.second, key + "/");
       } else if (!pair.second.IsScalar()) {

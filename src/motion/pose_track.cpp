@@ -39,6 +39,7 @@ const char* toString(PoseVerdict verdict) {
   switch (verdict) {
     case PoseVerdict::kAccepted: return "accepted";
     case PoseVerdict::kNotFinite: return "position or orientation is not finite";
+    case PoseVerdict::kOutOfReach: return "position is further away than motion/max_distance";
     case PoseVerdict::kZeroQuaternion: return "orientation quaternion has no length";
     case PoseVerdict::kNotLater: return "time stamp is not after the pose before it";
     case PoseVerdict::kTooFast: return "jump faster than motion/max_speed or motion/max_angular_speed";
@@ -50,9 +51,10 @@ PoseTrack::PoseTrack(const MotionParameters& parameters) : parameters_(parameter
   checkParameters(parameters);
 }
 
-PoseVerdict PoseTrack::checkAlone(const HandlePose& pose) {
+PoseVerdict PoseTrack::checkAlone(const HandlePose& pose) const {
   const double length = pose.orientation.norm();
   if (!pose.position.allFinite() || !std::isfinite(length)) return PoseVerdict::kNotFinite;
+  if (!(pose.position.norm() <= parameters_.max_distance)) return PoseVerdict::kOutOfReach;
   return length < 1e-3 ? PoseVerdict::kZeroQuaternion : PoseVerdict::kAccepted;
 }
 

@@ -243,6 +243,7 @@ void BrushSimulator::simulate(const HandlePose& pose) {
   switch (verdict) {
     case PoseVerdict::kAccepted: break;
     case PoseVerdict::kNotFinite: return refuse(kNotFinite, pose, toString(verdict));
+    case PoseVerdict::kOutOfReach: return refuse(kOutOfReach, pose, toString(verdict));
     case PoseVerdict::kZeroQuaternion: return refuse(kZeroQuaternion, pose, toString(verdict));
     case PoseVerdict::kNotLater: return refuse(kNotLater, pose, toString(verdict));
     case PoseVerdict::kTooFast: return refuse(kTooFast, pose, toString(verdict));
@@ -401,6 +402,7 @@ void BrushSimulator::publishState() {
   state.poses_accepted = accepted_count_;
   state.poses_refused = refusedCount();
   state.refused_not_finite = refused_counts_[kNotFinite];
+  state.refused_out_of_reach = refused_counts_[kOutOfReach];
   state.refused_zero_quaternion = refused_counts_[kZeroQuaternion];
   state.refused_not_later = refused_counts_[kNotLater];
   state.refused_too_fast = refused_counts_[kTooFast];
@@ -419,6 +421,7 @@ void BrushSimulator::diagnose(diagnostic_updater::DiagnosticStatusWrapper& statu
   if (backlog() > kTolerableBacklog) status.mergeSummary(Level::WARN, "falling behind the poses");
   status.add("poses accepted", accepted_count_);
   status.add("poses refused: not finite", refused_counts_[kNotFinite]);
+  status.add("poses refused: out of reach", refused_counts_[kOutOfReach]);
   status.add("poses refused: zero quaternion", refused_counts_[kZeroQuaternion]);
   status.add("poses refused: not later", refused_counts_[kNotLater]);
   status.add("poses refused: too fast", refused_counts_[kTooFast]);

@@ -86,8 +86,6 @@ ProjectionTuft::ProjectionTuft(const BrushModel& brush, const RodParameters& rod
       has_paper_(contact.paper),
       friction_(contact.paper_friction),
       pool_(rods.threads) {
-  if (rods.bending_law != "tangent")
-    throw ParameterError({"bending_law = " + rods.bending_law + ": scheme = projection has tangent only"});
   for (const RodModel& model : brush.rods) {
     if (model.needsFrames())
       throw std::invalid_argument("scheme = projection has straight, isotropic rods with a free end only");

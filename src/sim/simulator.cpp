@@ -142,7 +142,7 @@ PoseVerdict Simulator::addPose(const HandlePose& pose) {
   Implementation& s = *implementation_;
   const auto max_gap_ns = static_cast<std::int64_t>(s.parameters.motion.max_gap * 1e9);
   if (!s.track.empty() && pose.stamp_ns > s.track.newest().stamp_ns &&
-      pose.stamp_ns - s.track.newest().stamp_ns > max_gap_ns && PoseTrack::checkAlone(pose) == PoseVerdict::kAccepted) {
+      pose.stamp_ns - s.track.newest().stamp_ns > max_gap_ns && s.track.checkAlone(pose) == PoseVerdict::kAccepted) {
     advance();
     s.track.clear();
   }

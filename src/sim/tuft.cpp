@@ -186,7 +186,9 @@ class TuftOf : public Tuft {
     PaperContactState<Real> contact;
     AlignedVector<Real> wrench;
     AlignedVector<Real> load;  // on nodes [N], [node][3][lane]; empty where there is none
-    std::vector<Eigen::Vector3d> root_position;  // double: what it moves in a step is a small difference
+    // In the handle frame, and the roots in the paper frame; double, since the way of a step is a
+    // small difference. [component][lane]
+    std::array<double, 3 * kLanes> root_H, clamp_H, root_position;
     std::array<Real, kLanes> lowest;
     std::array<int, kLanes> touching;
     SolveReport report;
@@ -206,7 +208,14 @@ class TuftOf : public Tuft {
           static_cast<Real>(contact.stiffness * (stages_.back().coefficients.inertia * double(batch.model.mass[i]) +
                                                  double(batch.model.stiffness[i])));
     batch.wrench.resize(6 * kLanes);
-    batch.root_position.resize(rods.size());
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      const RodModel& rod = brush_.rods[static_cast<std::size_t>(rods[std::min(lane, rods.size() - 1)])];
+      for (int i = 0; i < 3; ++i) {
+        const auto at = static_cast<std::size_t>(i * kLanes) + lane;
+        batch.root_H[at] = rod.root_H[i];
+        batch.clamp_H[at] = rod.direction_H[i] * double(batch.model.edge_length[lane]);
+      }
+    }
     for (std::size_t lane = 0; lane < rods.size(); ++lane)
       place_[static_cast<std::size_t>(rods[lane])] = {batches_.size(), lane};
     batches_.push_back(std::move(batch));
@@ -234,24 +243,28 @@ class TuftOf : public Tuft {
   void moveRoots(std::size_t b, const Eigen::Isometry3d& X_PH, bool placing) {
     Batch& batch = batches_[b];
     const int rod_count = batch.model.rod_count;
-    for (int lane = 0; lane < kLanes; ++lane) {
-      const int k = std::min(lane, rod_count - 1);
-      const RodModel& rod = brush_.rods[static_cast<std::size_t>(batch.rods[static_cast<std::size_t>(k)])];
-      Eigen::Vector3d& old = batch.root_position[static_cast<std::size_t>(k)];
-      const Eigen::Vector3d position = X_PH * rod.root_H;
-      const Eigen::Vector3d way = placing ? Eigen::Vector3d(0, 0, 0) : Eigen::Vector3d(position - old);
-      const Eigen::Vector3d clamp = X_PH.linear() * rod.direction_H *
-                                    double(batch.model.edge_length[static_cast<std::size_t>(lane)]);
-      for (int i = 0; i < 3; ++i) {
-        const auto at = static_cast<std::size_t>(i * kLanes + lane);
-        batch.roots.position[at] = static_cast<Real>(position[i]);
-        batch.roots.displacement[at] = static_cast<Real>(way[i]);
-        batch.roots.clamp[at] = static_cast<Real>(clamp[i]);
+    // Component by component over all lanes, into local arrays, so that it is compiled to registers.
+    for (std::size_t i = 0; i < 3; ++i) {
+      const auto row = static_cast<Eigen::Index>(i);
+      const double x = X_PH.linear()(row, 0), y = X_PH.linear()(row, 1), z = X_PH.linear()(row, 2);
+      const double shift = X_PH.translation()[row];
+      const double *root = batch.root_H.data(), *clamp = batch.clamp_H.data();
+      double* old = batch.root_position.data() + i * kLanes;
+      std::array<Real, kLanes> position, way, direction;
+      for (std::size_t lane = 0; lane < kLanes; ++lane) {
+        const double now = shift + x * root[lane] + y * root[kLanes + lane] + z * root[2 * kLanes + lane];
+        position[lane] = static_cast<Real>(now);
+        way[lane] = static_cast<Real>(now - old[lane]);
+        old[lane] = now;
+        direction[lane] =
+            static_cast<Real>(x * clamp[lane] + y * clamp[kLanes + lane] + z * clamp[2 * kLanes + lane]);
       }
+      if (placing) way.fill(Real(0));
+      const auto at = static_cast<std::ptrdiff_t>(i * kLanes);
+      std::copy(position.begin(), position.end(), batch.roots.position.begin() + at);
+      std::copy(way.begin(), way.end(), batch.roots.displacement.begin() + at);
+      std::copy(direction.begin(), direction.end(), batch.roots.clamp.begin() + at);
     }
-    for (int k = 0; k < rod_count; ++k)
-      batch.root_position[static_cast<std::size_t>(k)] =
-          X_PH * brush_.rods[static_cast<std::size_t>(batch.rods[static_cast<std::size_t>(k)])].root_H;
     if (batch.framed)
       for (int lane = 0; lane < kLanes; ++lane) {
         const RodModel& rod =
@@ -290,16 +303,19 @@ class TuftOf : public Tuft {
   static void lookAtPaper(Batch& batch) {
     const bool engaged = std::any_of(batch.contact.engaged.begin(), batch.contact.engaged.end(),
                                      [](char lanes) { return lanes != 0; });
-    batch.touching.fill(0);
-    batch.lowest.fill(std::numeric_limits<Real>::max());
+    std::array<Real, kLanes> lowest;  // apart from the positions, so that loops are compiled to registers
+    std::array<int, kLanes> touching;
+    lowest.fill(std::numeric_limits<Real>::max());
+    touching.fill(0);
     for (int node = 0; node < batch.model.node_count; ++node) {
       const Real* z = batch.state.position.data() + (node * 3 + 2) * kLanes;
       const Real* push = batch.contact.force.data() + (node * 3 + 2) * kLanes;
-      for (std::size_t lane = 0; lane < kLanes; ++lane)
-        batch.lowest[lane] = std::min(batch.lowest[lane], z[lane]);
+      for (std::size_t lane = 0; lane < kLanes; ++lane) lowest[lane] = z[lane] < lowest[lane] ? z[lane] : lowest[lane];
       if (!engaged) continue;
-      for (std::size_t lane = 0; lane < kLanes; ++lane) batch.touching[lane] += push[lane] > 0;
+      for (std::size_t lane = 0; lane < kLanes; ++lane) touching[lane] += push[lane] > 0;
     }
+    batch.lowest = lowest;
+    batch.touching = touching;
   }
 
   BrushModel brush_;

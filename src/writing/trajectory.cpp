@@ -4,6 +4,7 @@
 #include <cmath>
 #include <optional>
 #include <stdexcept>
+#include <string>
 
 #include "calligraphy_brush/writing/schedule.h"
 #include "calligraphy_brush/writing/waypoint_curve.h"
@@ -238,6 +239,10 @@ std::vector<HandlePose> planHandlePoses(const std::vector<Stroke>& strokes,
   limits.period = static_cast<double>(period_ns) * 1e-9;
   limits.tip_length = tip_length;
   const Schedule schedule(path, speeds, times, runs, limits);
+  constexpr double kLongest = 3600.0;  // [s]
+  if (!(schedule.duration() <= kLongest))
+    throw std::runtime_error("the strokes would take " + std::to_string(schedule.duration()) +
+                             " s, more than an hour: raise their speed");
 
   std::vector<HandlePose> poses;
   const auto count = static_cast<std::int64_t>(std::ceil(schedule.duration() / limits.period - 1e-9));

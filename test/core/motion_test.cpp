@@ -82,6 +82,9 @@ TEST(PoseTrack, RefusesBadPosesAndStaysAsItWas) {
   bad.orientation.w() = std::numeric_limits<double>::infinity();
   EXPECT_EQ(track.add(bad), PoseVerdict::kNotFinite);
   bad = poseAt(16, 0.002);
+  bad.position.x() = 1e300;
+  EXPECT_EQ(track.add(bad), PoseVerdict::kOutOfReach);
+  bad = poseAt(16, 0.002);
   bad.orientation.coeffs().setZero();
   EXPECT_EQ(track.add(bad), PoseVerdict::kZeroQuaternion);
   EXPECT_EQ(track.add(poseAt(8, 0.002)), PoseVerdict::kNotLater);

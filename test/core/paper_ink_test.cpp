@@ -27,6 +27,13 @@ TEST(Paper, HasThePixelsOfItsSize) {
   EXPECT_DOUBLE_EQ(paper.pixelSize(), 0.00025);
 }
 
+TEST(Paper, RefusesMorePixelsThanFitInMemory) {
+  PaperParameters parameters;
+  parameters.width = parameters.height = 2.0;
+  parameters.px_per_mm = 40;
+  EXPECT_THROW(Paper{parameters}, ParameterError);
+}
+
 TEST(Paper, CoversTheAreaOfACapsule) {
   const double radius = 0.002, length = 0.01, thickness = 1e-5;
   const double area = 3.14159265358979 * radius * radius + 2 * radius * length;

@@ -21,6 +21,8 @@ inline RodParameters exactRods(double time_step) {
   RodParameters rods;
   rods.time_step = time_step;
   rods.precision = "double";
+  rods.bending_law = "tangent";  // those of the references
+  rods.clamp = "half";
   rods.tolerance = 1e-13;
   rods.max_iterations = 200;
   return rods;

@@ -34,6 +34,8 @@ inline RodParameters exactRods(double time_step, const std::string& scheme, cons
   rods.time_step = time_step;
   rods.scheme = scheme;
   rods.precision = precision;
+  rods.bending_law = "tangent";  // those of the reference tables
+  rods.clamp = "half";
   rods.tolerance = 1e-13;
   rods.max_iterations = precision == "float" ? 20 : 500;  // in float the last digits never settle
   rods.damping = 0;

@@ -1,7 +1,9 @@
 #pragma once
 
 #include <atomic>
+#include <condition_variable>
 #include <functional>
+#include <mutex>
 #include <thread>
 #include <vector>
 
@@ -26,6 +28,8 @@ class ThreadPool {
   void run(int count, const std::function<void(int, int)>& task);
 
  private:
+  void start();
+  void finish();
   void work(int thread);
   void takeIndices(int thread);
 
@@ -34,6 +38,8 @@ class ThreadPool {
   std::atomic<int> next_{0};
   std::atomic<int> busy_{0};
   std::atomic<bool> stop_{false};
+  std::mutex mutex_;
+  std::condition_variable wake_;  // of workers that have been idle for a while
   int count_ = 0;
   const std::function<void(int, int)>* task_ = nullptr;
 };

@@ -8,8 +8,8 @@ namespace calligraphy_brush {
 struct ContactParameters {
   double paper_friction = 0.3;
   double stiffness = 5.0;
-  int multiplier_updates = 1;
-  double tolerance = 1e-9;
+  int multiplier_updates = 10;
+  double tolerance = 3e-5;
   bool paper = true;
 
   template <class Self, class Visit>
@@ -19,7 +19,7 @@ struct ContactParameters {
     visit("stiffness", self.stiffness, Range{0.1, 1000.0}, "1",
           "Stiffness of the augmented Lagrangian over M/tau^2 + B/h^3 of a node; 3 to 10 works best.");
     visit("multiplier_updates", self.multiplier_updates, Range{1, 10000}, "1",
-          "Most updates of the contact multipliers in a step; 1 is enough for writing.");
+          "Most solutions of a step with better and better contact multipliers; most steps need one.");
     visit("tolerance", self.tolerance, Range{1e-15, 1e-3}, "m",
           "Residual of a contact at which its multipliers are not updated again.");
     visit("paper", self.paper, "Whether there is a sheet to touch.");

@@ -52,6 +52,11 @@ PaperContactState<Real> makePaperContactState(int node_count) {
 ///   T = τ + k s, s = way from where the node stuck; cut off at |T| = µ λ
 ///   Φ = N²/(2k) + (|T|² / (2k)   or, where it slides,   (µλ|T| − (µλ)²/2) / k)
 ///
+/// In the first pass of a step, over a shape that is a guess, the sheet can also pull the nodes that
+/// touched in the step before. Guesses often take them off it by a little; Newton's method would then
+/// see nothing below them and overshoot by far. The energy is only larger for it, so the line search
+/// holds as before.
+///
 /// The cone has its radius from the multiplier, so Φ is convex and has a gradient, −N in z and T in
 /// the plane. After the step λ ← N and τ ← T cut off at µN. A node that sticks keeps the place it
 /// stuck at and τ goes on until s = 0: at rest nothing creeps and nothing is below the sheet.
@@ -81,14 +86,19 @@ class PaperContact {
     for (int node = 0; node < node_count_; ++node) near_[node] = 0;
   }
 
-  CALLIGRAPHY_INLINE void beginPass() { piece_changed_ = V{} > broadcast<V>(1); }
+  CALLIGRAPHY_INLINE void beginPass() {
+    piece_changed_ = V{} > broadcast<V>(1);
+    holds_ = passes_++ == 0;
+  }
 
   CALLIGRAPHY_INLINE V add(int node, const Vec3<V>& way, Vec3<V>& gradient) {
     const V zero{}, one = broadcast<V>(1), half = broadcast<V>(Real(0.5));
     const V k = load<V>(stiffness_ + node * kLanes);
     const Vec3<V> multiplier = Vec3<V>::loadFrom(multiplier_ + node * 3 * kLanes);
-    const V normal = max(zero, multiplier.z - k * (load<V>(position_ + (node * 3 + 2) * kLanes) + way.z));
-    const Mask touches = normal > zero;
+    V normal = multiplier.z - k * (load<V>(position_ + (node * 3 + 2) * kLanes) + way.z);
+    Mask touches = normal > zero;
+    if (holds_) touches = touches | (multiplier.z > zero);
+    normal = select(touches, normal, zero);
     Real* piece_address = piece_ + node * kLanes;
     if (!any(touches | (multiplier.z > zero))) {
       if (near_[node]) {
@@ -112,6 +122,10 @@ class PaperContact {
     const V dx = tx * inverse_size, dy = ty * inverse_size;  // zero where it sticks
     const V kt = k * cut;
 
+    // Sliding one way or the other are two pieces: between them friction changes by all of 2 µλ.
+    const Vec3<V> force_before = Vec3<V>::loadFrom(force_ + node * 3 * kLanes);
+    const Mask turned = slides & (cone > zero) & (fx * force_before.x + fy * force_before.y > zero);
+
     gradient.x = gradient.x + fx;
     gradient.y = gradient.y + fy;
     gradient.z = gradient.z - normal;
@@ -126,7 +140,7 @@ class PaperContact {
 
     const V piece = select(touches, one, zero) +
                     select((multiplier.z > zero) & slides, broadcast<V>(2), zero);
-    piece_changed_ = piece_changed_ | (piece != before);
+    piece_changed_ = piece_changed_ | (piece != before) | turned;
     store<V>(piece_address, piece);
     const V friction = select(slides, cone * (size - half * cone), half * size * size);
     return (half * normal * normal + friction) / k;
@@ -198,6 +212,8 @@ class PaperContact {
   Real *multiplier_, *offset_, *force_, *slip_, *hessian_, *piece_;
   char *near_, *engaged_;
   Mask piece_changed_{};
+  int passes_ = 0;
+  bool holds_ = false;  // this pass is the first
 };
 
 }  // namespace calligraphy_brush

@@ -8,6 +8,7 @@ namespace calligraphy_brush {
 struct MotionParameters {
   double max_speed = 10.0;
   double max_angular_speed = 200.0;
+  double max_distance = 10.0;
   double max_gap = 10.0;
 
   template <class Self, class Visit>
@@ -16,6 +17,8 @@ struct MotionParameters {
           "A pose that asks the handle to move faster than this is refused; a fast hand reaches 3.");
     visit("max_angular_speed", self.max_angular_speed, Range{1e-3, 1e6}, "rad/s",
           "A pose that asks the handle to turn faster than this is refused; a fast hand reaches 30.");
+    visit("max_distance", self.max_distance, Range{0.1, 1000.0}, "m",
+          "A pose further from the corner of the sheet than this is refused.");
     visit("max_gap", self.max_gap, Range{1e-3, 1e6}, "s",
           "After a longer time without poses the brush is taken off and put down anew at the next one.");
   }

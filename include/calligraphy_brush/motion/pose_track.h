@@ -19,6 +19,7 @@ struct HandlePose {
 enum class PoseVerdict {
   kAccepted,
   kNotFinite,       ///< NaN or infinity in position or orientation
+  kOutOfReach,      ///< further than MotionParameters::max_distance from the sheet's corner
   kZeroQuaternion,  ///< orientation of length below 1e-3: no direction in it
   kNotLater,        ///< stamp not after the newest accepted pose
   kTooFast,         ///< would need more than MotionParameters::max_speed or max_angular_speed
@@ -42,9 +43,9 @@ class PoseTrack {
   /// ≥ 1e-3 are normalised.
   PoseVerdict add(HandlePose pose);
 
-  /// What can be said of a pose without knowing those before it: kAccepted, kNotFinite or
-  /// kZeroQuaternion.
-  static PoseVerdict checkAlone(const HandlePose& pose);
+  /// What can be said of a pose without knowing those before it: kAccepted, kNotFinite, kOutOfReach
+  /// or kZeroQuaternion.
+  PoseVerdict checkAlone(const HandlePose& pose) const;
 
   bool empty() const { return poses_.empty(); }
   const HandlePose& newest() const { return poses_.back().pose; }

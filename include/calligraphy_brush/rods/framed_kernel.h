@@ -67,7 +67,8 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
         clamp_(Rotation::loadFrom(framed.clamp_frame.data() + lane)),
         end_frame_(Rotation::loadFrom(framed.end_frame.data() + lane)),
         end_position_(Vector::loadFrom(framed.end_position.data() + lane)),
-        tether_stiffness_(load<V>(framed.tether_stiffness.data() + lane)) {}
+        tether_stiffness_(load<V>(framed.tether_stiffness.data() + lane)),
+        first_multiplier_(Vector::loadFrom(framed.tether_multiplier.data() + lane)) {}
 
   using Rotation = Quaternion<V>;
   static constexpr int kFrame = 4 * kLanes;
@@ -292,6 +293,8 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
     return (tether_stiffness_ > V{}) & (squaredNorm(miss_) > real(tolerance * tolerance));
   }
 
+  void restoreConstraints() { first_multiplier_.storeTo(tether_); }
+
   V lowestHeight() const {
     V height = root_position_.z, lowest = height;
     for (int i = 0; i < n_ - 1; ++i) {
@@ -359,7 +362,7 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
   Rotation clamp_, end_frame_;
   Vector end_position_;
   V tether_stiffness_;
-  Vector miss_{};
+  Vector first_multiplier_, miss_{};
 };
 
 }  // namespace calligraphy_brush

@@ -57,6 +57,7 @@ struct NoPotential {
 ///   void retryUpdate(V scale);  the same with the update that is known
 ///   static constexpr bool kConstrained;   whether it has constraints with multipliers of its own, and
 ///   Mask updateConstraints(double tolerance, Mask lanes);   as Potential::update
+///   void restoreConstraints();                              to what they were before the step
 ///   V lowestHeight();           of a node of trial_ [m]
 ///   void finish(const double* pivot, Real* wrench);   moves the state to the end of the step
 ///
@@ -96,7 +97,10 @@ class NewtonStep {
     }
     if constexpr (!Potential::kPresent) {
       report.refused = any(self().lowestHeight() < real(potential_.floor));
-      if (report.refused) return report;
+      if (report.refused) {
+        if constexpr (Kernel::kConstrained) self().restoreConstraints();
+        return report;
+      }
     }
     self().finish(pivot, wrench);
 
@@ -151,8 +155,12 @@ class NewtonStep {
       Mask uphill = active & !surely_downhill & isUphill();
       const Mask shortened = uphill;
       for (int halving = 0; any(uphill); ++halving) {
-        // No way down at all: the lane keeps its shape, and says that it did not converge.
-        scale = select(uphill, halving < 30 ? scale * real(0.5) : zero, scale);
+        // To the lowest point of the parabola through what is known, but by a tenth at least. With no
+        // way down at all the lane keeps its shape, and says that it did not converge.
+        const V rise = energy_ - energy_before + scale * decrement;
+        const V lowest = real(0.5) * scale * scale * decrement / rise;
+        const V shorter = min(max(lowest, real(0.1) * scale), real(0.5) * scale);
+        scale = select(uphill, halving < 30 ? shorter : zero, scale);
         self().retryUpdate(scale);
         uphill = uphill & (scale > zero) & isUphill();
       }

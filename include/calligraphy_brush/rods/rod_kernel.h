@@ -80,26 +80,29 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
   void predict() {
     const V k_displacement = real(step_.displacement), k_velocity = real(step_.velocity),
             k_previous = real(step_.previous_velocity), fall = real(-step_.gravity * gravity_);
-    Vector before{};
-    for (int node = 0; node < n_; ++node) {
-      const Vector d = Vector::loadFrom(displacement_ + node * kVector);
+    const auto target = [&](int node, const Vector& d) {
       const Vector v = Vector::loadFrom(velocity_ + node * kVector);
       const Vector v_previous = Vector::loadFrom(previous_velocity_ + node * kVector);
       Vector y = k_displacement * d + k_velocity * v + k_previous * v_previous;
       y.z = y.z + fall;
       y.storeTo(target_ + node * kVector);
-      if (node > 0) {
-        const Vector turn = d - before;
-        // A guess for a smooth motion; after a jump the old shape is better.
-        const Mask smooth = squaredNorm(turn) < real(0.04) * length_ * length_;
-        const Vector e = Vector::loadFrom(edge_ + (node - 1) * kVector);
-        const Vector guess = e + turn;
-        const V scale = length_ / sqrt(squaredNorm(guess));
-        select(smooth, scale * guess, e).storeTo(trial_ + (node - 1) * kVector);
-      }
+    };
+    Vector before = Vector::loadFrom(displacement_);
+    target(0, before);
+    // A guess for a smooth motion; after a jump the old shape is better.
+    const V limit = real(0.04) * length_ * length_;
+    walk([&](int i) {
+      const Vector d = Vector::loadFrom(displacement_ + (i + 1) * kVector);
+      target(i + 1, d);
+      const Vector turn = d - before;
       before = d;
-    }
-    evaluate();
+      const Vector e = Vector::loadFrom(edge_ + i * kVector);
+      const Vector guess = e + turn;
+      const Vector scaled = (length_ / sqrt(squaredNorm(guess))) * guess;
+      const Vector result = select(squaredNorm(turn) < limit, scaled, e);
+      result.storeTo(trial_ + i * kVector);
+      return result;
+    });
   }
 
   /// Φ and its gradient by node positions, at trial_.
@@ -141,58 +144,52 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
     p1 = {b, sign + t.y * t.y * a, -t.y};
   }
 
+  // Rows of an edge in factor_. Where the sweep is done with a row it puts a gain there.
+  static constexpr int kBasis = 0;               // P, 6
+  static constexpr int kCoupling = 6 * kLanes;   // C of the edge and the one before it, then its gain U, 4
+  static constexpr int kOwnGradient = 10 * kLanes;  // q, then the gain k, 2
+  static constexpr int kOwnHessian = 12 * kLanes;   // Q, 3
+  static constexpr int kGain = kOwnHessian;         // X, 6
+
   /// Riccati sweep from tip to root: gains of every edge into factor_, and gᵀH⁻¹g into `decrement`.
   /// `majorant` blends the Hessian (0) with a positive definite one above it (1). Returns the lanes
   /// with a bad pivot.
+  ///
+  /// In two passes, so that neither needs many more registers than there are: what the edges give each
+  /// by itself, and then the recursion. Within them the order of the lines keeps few values alive.
   Mask sweep(V majorant, V& decrement) {
-    const V weight = real(step_.inertia), zero{}, one = real(1), two = real(2), half = real(0.5);
-    const Real epsilon = std::numeric_limits<Real>::epsilon();
-    const V least_pivot = real(8) * broadcast<V>(epsilon);
+    writeJoints(majorant);
+
+    const V weight = real(step_.inertia), zero{}, one = real(1);
+    const V least_pivot = real(8) * broadcast<V>(std::numeric_limits<Real>::epsilon());
     Mask failed = zero > one;
     V spent{};
 
-    // Cost to go from the far end of an edge, ½(δx,u)ᵀ[[S,R],[Rᵀ,Q]](δx,u) + p·δx + q·u.
+    // Cost to go from the far end of an edge, ½(δx,u)ᵀ[[S,R],[Rᵀ,Q]](δx,u) + p·δx + q·u, without what
+    // the edge itself adds to Q and q.
     Symmetric3<V> S{};
     Vector R0{}, R1{}, p{};
     V Q00{}, Q01{}, Q11{}, q0{}, q1{};
-    Vector force{};  // gradient of Φ by a shift of all nodes beyond the edge
-    const auto addNode = [&](int node) {
-      const V w = weight * load<V>(mass_ + node * kLanes);
+    for (int i = n_ - 2;; --i) {
+      const V w = weight * load<V>(mass_ + (i + 1) * kLanes);
       S.xx = S.xx + w;
       S.yy = S.yy + w;
       S.zz = S.zz + w;
-      if constexpr (Potential::kPresent) potential_.addHessian(node, S);
-      const Vector gradient = Vector::loadFrom(gradient_ + node * kVector);
-      p = p + gradient;
-      force = force + gradient;
-    };
-    addNode(n_ - 1);
+      if constexpr (Potential::kPresent) potential_.addHessian(i + 1, S);
+      p = p + Vector::loadFrom(gradient_ + (i + 1) * kVector);
 
-    Vector e = Vector::loadFrom(trial_ + (n_ - 2) * kVector);
-    Vector P0, P1;
-    basis(inverse_length_ * e, P0, P1);
-    for (int i = n_ - 2; i >= 0; --i) {
-      const Vector before = i > 0 ? Vector::loadFrom(trial_ + (i - 1) * kVector) : clamp_;
+      Real* row = factor_ + i * kFactor;
+      const Vector P0 = Vector::loadFrom(row + kBasis);
+      const Vector W0 = S * P0 + R0;
+      const V H00 = Q00 + load<V>(row + kOwnHessian) + dot(P0, W0 + R0);
+      const V g0 = q0 + load<V>(row + kOwnGradient) + dot(P0, p);
+      const Vector P1 = Vector::loadFrom(row + kBasis + 3 * kLanes);
+      V H01 = Q01 + load<V>(row + kOwnHessian + kLanes) + dot(P1, R0);
+      const Vector W1 = S * P1 + R1;
+      const V H11 = Q11 + load<V>(row + kOwnHessian + 2 * kLanes) + dot(P1, W1 + R1);
+      H01 = H01 + dot(P0, W1);
+      const V g1 = q1 + load<V>(row + kOwnGradient + kLanes) + dot(P1, p);
 
-      // The joint between `before` and e.
-      const V s = squaredNorm(e - before) * inverse_length_squared_;
-      const BendingTerms<V> law = bendingTerms(s, law_);
-      const V k = load<V>(spring_ + i * kLanes);
-      const V A = two * k * law.first;
-      const V B = real(4) * k * law.second * inverse_length_squared_;
-      const V curvature = A * (one - (one - majorant) * (half * s));
-      const V a0 = dot(P0, before), a1 = dot(P1, before);
-
-      // Turning e shortens the way of everything beyond it.
-      V geometric = -dot(e, force) * inverse_length_squared_;
-      geometric = select(geometric < zero, (one - majorant) * geometric, geometric);
-      const V diagonal = curvature + geometric;
-
-      const Vector W0 = S * P0 + R0, W1 = S * P1 + R1;
-      const V H00 = dot(P0, W0 + R0) + Q00 + diagonal + B * a0 * a0;
-      const V H01 = dot(P0, W1) + dot(R0, P1) + Q01 + B * a0 * a1;
-      const V H11 = dot(P1, W1 + R1) + Q11 + diagonal + B * a1 * a1;
-      const V g0 = dot(P0, p) + q0 - A * a0, g1 = dot(P1, p) + q1 - A * a1;
       const V determinant = H00 * H11 - H01 * H01;
       const Mask good = (H00 > zero) & (determinant > least_pivot * (H00 * H11));
       failed = failed | !good;
@@ -201,61 +198,110 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
 
       const V k0 = I00 * g0 + I01 * g1, k1 = I01 * g0 + I11 * g1;
       spent = spent + g0 * k0 + g1 * k1;
-      const Vector X0 = I00 * W0 + I01 * W1, X1 = I01 * W0 + I11 * W1;
-      Real* out = factor_ + i * kFactor;
-      P0.storeTo(out);
-      P1.storeTo(out + 3 * kLanes);
-      X0.storeTo(out + 6 * kLanes);
-      X1.storeTo(out + 9 * kLanes);
-      store<V>(out + 12 * kLanes, k0);
-      store<V>(out + 13 * kLanes, k1);
+      store<V>(row + kOwnGradient, k0);
+      store<V>(row + kOwnGradient + kLanes, k1);
+      const Vector X0 = I00 * W0 + I01 * W1;
+      X0.storeTo(row + kGain);
+      const Vector X1 = I01 * W0 + I11 * W1;
+      X1.storeTo(row + kGain + 3 * kLanes);
       if (i == 0) break;
 
-      Vector N0, N1;
-      basis(inverse_length_ * before, N0, N1);
-      const V b0 = dot(N0, e), b1 = dot(N1, e);
-      const V C00 = B * a0 * b0 - A * dot(P0, N0), C01 = B * a0 * b1 - A * dot(P0, N1);
-      const V C10 = B * a1 * b0 - A * dot(P1, N0), C11 = B * a1 * b1 - A * dot(P1, N1);
-      const V U00 = I00 * C00 + I01 * C10, U01 = I00 * C01 + I01 * C11;
-      const V U10 = I01 * C00 + I11 * C10, U11 = I01 * C01 + I11 * C11;
-      store<V>(out + 14 * kLanes, U00);
-      store<V>(out + 15 * kLanes, U01);
-      store<V>(out + 16 * kLanes, U10);
-      store<V>(out + 17 * kLanes, U11);
+      S.xx = S.xx - W0.x * X0.x - W1.x * X1.x;
+      S.xy = S.xy - W0.x * X0.y - W1.x * X1.y;
+      S.xz = S.xz - W0.x * X0.z - W1.x * X1.z;
+      S.yy = S.yy - W0.y * X0.y - W1.y * X1.y;
+      S.yz = S.yz - W0.y * X0.z - W1.y * X1.z;
+      S.zz = S.zz - W0.z * X0.z - W1.z * X1.z;
+      p = p - k0 * W0 - k1 * W1;
 
-      S.xx = S.xx - (W0.x * X0.x + W1.x * X1.x);
-      S.xy = S.xy - (W0.x * X0.y + W1.x * X1.y);
-      S.xz = S.xz - (W0.x * X0.z + W1.x * X1.z);
-      S.yy = S.yy - (W0.y * X0.y + W1.y * X1.y);
-      S.yz = S.yz - (W0.y * X0.z + W1.y * X1.z);
-      S.zz = S.zz - (W0.z * X0.z + W1.z * X1.z);
-      p = p - (k0 * W0 + k1 * W1);
+      const V C00 = load<V>(row + kCoupling), C10 = load<V>(row + kCoupling + 2 * kLanes);
+      const V U00 = I00 * C00 + I01 * C10, U10 = I01 * C00 + I11 * C10;
       R0 = (-U00) * W0 - U10 * W1;
+      Q00 = -(C00 * U00 + C10 * U10);
+      q0 = -(C00 * k0 + C10 * k1);
+      const V C01 = load<V>(row + kCoupling + kLanes), C11 = load<V>(row + kCoupling + 3 * kLanes);
+      const V U01 = I00 * C01 + I01 * C11, U11 = I01 * C01 + I11 * C11;
       R1 = (-U01) * W0 - U11 * W1;
-      Q00 = curvature + B * b0 * b0 - (C00 * U00 + C10 * U10);
-      Q01 = B * b0 * b1 - (C00 * U01 + C10 * U11);
-      Q11 = curvature + B * b1 * b1 - (C01 * U01 + C11 * U11);
-      q0 = -A * b0 - (C00 * k0 + C10 * k1);
-      q1 = -A * b1 - (C01 * k0 + C11 * k1);
-      addNode(i);
-      e = before;
-      P0 = N0;
-      P1 = N1;
+      Q01 = -(C00 * U01 + C10 * U11);
+      Q11 = -(C01 * U01 + C11 * U11);
+      q1 = -(C01 * k0 + C11 * k1);
+      store<V>(row + kCoupling, U00);
+      store<V>(row + kCoupling + kLanes, U01);
+      store<V>(row + kCoupling + 2 * kLanes, U10);
+      store<V>(row + kCoupling + 3 * kLanes, U11);
     }
     decrement = spent;
     return failed;
   }
 
-  /// Edge i of trial_ after a turn by (u0, u1) · scale; the edge itself, to the bit, where scale is 0.
-  CALLIGRAPHY_INLINE Vector turned(int i, V u0, V u1, V scale) const {
-    const Real* in = factor_ + i * kFactor;
+  /// First pass of the sweep: for every edge its basis P, the gradient q and the Hessian Q of its two
+  /// joints by its own turn, and the coupling C with the edge before it, into factor_.
+  void writeJoints(V majorant) {
+    const V zero{}, one = real(1), two = real(2), half = real(0.5), four = real(4);
+    const V lenient = one - majorant;
+    Vector force{};  // gradient of Φ by a shift of all nodes beyond the edge
+    V Q00{}, Q01{}, Q11{}, q0{}, q1{};  // of the joint at the far end of the edge
+    Vector e = Vector::loadFrom(trial_ + (n_ - 2) * kVector);
+    Vector P0, P1;
+    basis(inverse_length_ * e, P0, P1);
+    for (int i = n_ - 2;; --i) {
+      Real* row = factor_ + i * kFactor;
+      P0.storeTo(row + kBasis);
+      P1.storeTo(row + kBasis + 3 * kLanes);
+      const Vector before = i > 0 ? Vector::loadFrom(trial_ + (i - 1) * kVector) : clamp_;
+      const V s = squaredNorm(e - before) * inverse_length_squared_;
+      const BendingTerms<V> law = bendingTerms(s, law_);
+      const V k = load<V>(spring_ + i * kLanes);
+      const V A = two * k * law.first;
+      const V B = four * k * law.second * inverse_length_squared_;
+      const V curvature = A * (one - lenient * (half * s));
+
+      // Turning e shortens the way of everything beyond it.
+      force = force + Vector::loadFrom(gradient_ + (i + 1) * kVector);
+      V geometric = -dot(e, force) * inverse_length_squared_;
+      geometric = select(geometric < zero, lenient * geometric, geometric);
+      const V diagonal = curvature + geometric;
+
+      const V a0 = dot(P0, before), a1 = dot(P1, before);
+      const V Ba0 = B * a0, Ba1 = B * a1;
+      store<V>(row + kOwnHessian, Q00 + diagonal + Ba0 * a0);
+      store<V>(row + kOwnHessian + kLanes, Q01 + Ba0 * a1);
+      store<V>(row + kOwnHessian + 2 * kLanes, Q11 + diagonal + Ba1 * a1);
+      store<V>(row + kOwnGradient, q0 - A * a0);
+      store<V>(row + kOwnGradient + kLanes, q1 - A * a1);
+      if (i == 0) break;
+
+      Vector N0, N1;
+      basis(inverse_length_ * before, N0, N1);
+      const V b0 = dot(N0, e), b1 = dot(N1, e);
+      store<V>(row + kCoupling, Ba0 * b0 - A * dot(P0, N0));
+      store<V>(row + kCoupling + kLanes, Ba0 * b1 - A * dot(P0, N1));
+      store<V>(row + kCoupling + 2 * kLanes, Ba1 * b0 - A * dot(P1, N0));
+      store<V>(row + kCoupling + 3 * kLanes, Ba1 * b1 - A * dot(P1, N1));
+      const V Bb0 = B * b0, Bb1 = B * b1;
+      Q00 = curvature + Bb0 * b0;
+      Q01 = Bb0 * b1;
+      Q11 = curvature + Bb1 * b1;
+      q0 = -A * b0;
+      q1 = -A * b1;
+      e = before;
+      P0 = N0;
+      P1 = N1;
+    }
+  }
+
+  /// Edge i of trial_ after a turn that moves its end by scale · turn; the edge itself, to the bit,
+  /// where scale is 0.
+  CALLIGRAPHY_INLINE Vector turned(int i, const Vector& turn, V scale) const {
     const Vector e = Vector::loadFrom(trial_ + i * kVector);
-    const Vector moved =
-        e + ((scale * u0) * Vector::loadFrom(in) + (scale * u1) * Vector::loadFrom(in + 3 * kLanes));
-    const V stretch = length_ / sqrt(squaredNorm(moved));
-    const Vector result = select(scale == V{}, e, stretch * moved);
+    const Vector moved = e + scale * turn;
+    const Vector result = select(scale == V{}, e, (length_ / sqrt(squaredNorm(moved))) * moved);
     result.storeTo(next_ + i * kVector);
     return result;
+  }
+  CALLIGRAPHY_INLINE Vector turnOf(int i, V u0, V u1) const {
+    const Real* row = factor_ + i * kFactor;
+    return u0 * Vector::loadFrom(row + kBasis) + u1 * Vector::loadFrom(row + kBasis + 3 * kLanes);
   }
 
   /// Root to tip: the Newton update into update_, and the edges after it, times scale, into next_.
@@ -265,20 +311,20 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
     V u0{}, u1{}, largest_squared{};
     walk([&](int i) {
       const Real* in = factor_ + i * kFactor;
-      const Vector X0 = Vector::loadFrom(in + 6 * kLanes), X1 = Vector::loadFrom(in + 9 * kLanes);
-      V v0 = -load<V>(in + 12 * kLanes) - dot(X0, shift);
-      V v1 = -load<V>(in + 13 * kLanes) - dot(X1, shift);
+      V v0 = -load<V>(in + kOwnGradient) - dot(Vector::loadFrom(in + kGain), shift);
+      V v1 = -load<V>(in + kOwnGradient + kLanes) - dot(Vector::loadFrom(in + kGain + 3 * kLanes), shift);
       if (i > 0) {
-        v0 = v0 - load<V>(in + 14 * kLanes) * u0 - load<V>(in + 15 * kLanes) * u1;
-        v1 = v1 - load<V>(in + 16 * kLanes) * u0 - load<V>(in + 17 * kLanes) * u1;
+        v0 = v0 - load<V>(in + kCoupling) * u0 - load<V>(in + kCoupling + kLanes) * u1;
+        v1 = v1 - load<V>(in + kCoupling + 2 * kLanes) * u0 - load<V>(in + kCoupling + 3 * kLanes) * u1;
       }
       u0 = v0;
       u1 = v1;
       store<V>(update_ + i * 2 * kLanes, u0);
       store<V>(update_ + i * 2 * kLanes + kLanes, u1);
-      shift = shift + (u0 * Vector::loadFrom(in) + u1 * Vector::loadFrom(in + 3 * kLanes));
+      const Vector turn = turnOf(i, u0, u1);
+      shift = shift + turn;
       largest_squared = max(largest_squared, u0 * u0 + u1 * u1);
-      return turned(i, u0, u1, scale);
+      return turned(i, turn, scale);
     });
     return sqrt(largest_squared) * inverse_length_;
   }
@@ -286,8 +332,8 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
   /// The update in update_ once more, with another scale.
   void retryUpdate(V scale) {
     walk([&](int i) {
-      return turned(i, load<V>(update_ + i * 2 * kLanes), load<V>(update_ + i * 2 * kLanes + kLanes),
-                    scale);
+      const Real* u = update_ + i * 2 * kLanes;
+      return turned(i, turnOf(i, load<V>(u), load<V>(u + kLanes)), scale);
     });
   }
 

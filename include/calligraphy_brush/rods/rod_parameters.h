@@ -11,8 +11,8 @@ struct RodParameters {
   double time_step = 0.001;
   std::string scheme = "bdf2";
   std::string precision = "float";
-  std::string bending_law = "tangent";
-  std::string clamp = "half";
+  std::string bending_law = "arc";
+  std::string clamp = "corrected";
   double damping = 20.0;
   double gravity = 9.81;
   double tolerance = 1e-6;
