@@ -42,8 +42,8 @@ BrushModel makeBrush(const BrushParameters& p) {
     // bundle keeps it exactly.
     const double scatter = rod_index == 0 ? 0.0 : std::abs(standardNormal(random));
     const double core_fraction = rod_index == 0 ? 0.0 : fraction;
-    rod.length = p.tip_length * std::max(0.1, (1.0 - p.cone * core_fraction) *
-                                                  (1.0 - p.length_scatter * scatter));
+    rod.length = p.tip_length *
+                 std::max(0.1, (1.0 - p.cone * core_fraction) * (1.0 - p.length_scatter * scatter));
     const Eigen::Vector3d inward = -p.convergence * rod.root_H;
     const double lean_squared = std::min(inward.squaredNorm(), 0.75 * rod.length * rod.length);
     rod.direction_H = inward;

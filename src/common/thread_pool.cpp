@@ -14,7 +14,9 @@ ThreadPool::ThreadPool(int threads) {
   }
 }
 
-ThreadPool::~ThreadPool() { finish(); }
+ThreadPool::~ThreadPool() {
+  finish();
+}
 
 void ThreadPool::finish() {
   stop_ = true;

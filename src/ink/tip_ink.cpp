@@ -46,8 +46,8 @@ void TipInk::transfer(int rod_index, const std::vector<Eigen::Vector3d>& nodes, 
   }
   const int pieces = kPiecesPerEdge * static_cast<int>(nodes.size() - 1);
   for (int piece = 0; piece <= pieces; ++piece) {
-    const auto node = static_cast<std::size_t>(std::min(piece / kPiecesPerEdge,
-                                                        static_cast<int>(nodes.size()) - 2));
+    const auto node =
+        static_cast<std::size_t>(std::min(piece / kPiecesPerEdge, static_cast<int>(nodes.size()) - 2));
     const double s = static_cast<double>(piece) / kPiecesPerEdge - static_cast<double>(node);
     const Eigen::Vector3d x = (1.0 - s) * nodes[node] + s * nodes[node + 1];
     const double radius = (1.0 - s) * rod.radius[node] + s * rod.radius[node + 1] + coat;
@@ -61,7 +61,8 @@ void TipInk::transfer(int rod_index, const std::vector<Eigen::Vector3d>& nodes, 
     for (std::size_t i = 0; i < now_.size(); ++i) {
       const Mark &a = rod.marks[i], &b = now_[i];
       if (a.half_width <= 0.0 && b.half_width <= 0.0) continue;
-      motion = std::max(motion, std::hypot(b.x - a.x, b.y - a.y) + std::abs(b.half_width - a.half_width));
+      motion =
+          std::max(motion, std::hypot(b.x - a.x, b.y - a.y) + std::abs(b.half_width - a.half_width));
     }
     const double drawn_motion = kDrawnMotion * paper.pixelSize();
     if (motion < drawn_motion) return;
@@ -72,7 +73,8 @@ void TipInk::transfer(int rod_index, const std::vector<Eigen::Vector3d>& nodes, 
 
   const double thickness = parameters_.film_thickness * part;
   const auto between = [](const Mark& a, const Mark& b, double s) {
-    return Mark{a.x + s * (b.x - a.x), a.y + s * (b.y - a.y), a.half_width + s * (b.half_width - a.half_width)};
+    return Mark{a.x + s * (b.x - a.x), a.y + s * (b.y - a.y),
+                a.half_width + s * (b.half_width - a.half_width)};
   };
   for (int step = 1; step <= steps; ++step) {
     const double s = static_cast<double>(step) / steps;

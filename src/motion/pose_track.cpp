@@ -79,9 +79,9 @@ PoseVerdict PoseTrack::add(HandlePose pose) {
 }
 
 HandlePose PoseTrack::at(std::int64_t stamp_ns) const {
-  const auto after = std::upper_bound(
-      poses_.begin(), poses_.end(), stamp_ns,
-      [](std::int64_t stamp, const Knot& knot) { return stamp < knot.pose.stamp_ns; });
+  const auto after =
+      std::upper_bound(poses_.begin(), poses_.end(), stamp_ns,
+                       [](std::int64_t stamp, const Knot& knot) { return stamp < knot.pose.stamp_ns; });
   if (after == poses_.begin()) return poses_.front().pose;
   if (after == poses_.end()) return poses_.back().pose;
   const Knot& a = *(after - 1);

@@ -13,8 +13,9 @@ Paper::Paper(const PaperParameters& parameters) : parameters_(parameters) {
   height_px_ = std::max(1, static_cast<int>(std::lround(parameters.height / pixel_size_)));
   constexpr double kMostPixels = 4e8;  // 1.6 GB
   if (static_cast<double>(width_px_) * static_cast<double>(height_px_) > kMostPixels)
-    throw ParameterError({"paper/width x paper/height x (paper/px_per_mm)^2 = " + std::to_string(width_px_) + " x " +
-                          std::to_string(height_px_) + " pixels is more than 4e8: make the sheet smaller or coarser"});
+    throw ParameterError(
+        {"paper/width x paper/height x (paper/px_per_mm)^2 = " + std::to_string(width_px_) + " x " +
+         std::to_string(height_px_) + " pixels is more than 4e8: make the sheet smaller or coarser"});
   ink_.assign(static_cast<std::size_t>(width_px_) * static_cast<std::size_t>(height_px_), 0.0F);
 }
 

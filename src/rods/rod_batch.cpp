@@ -5,7 +5,9 @@
 namespace calligraphy_brush {
 namespace {
 
-std::size_t size(int rows) { return static_cast<std::size_t>(rows) * kLanes; }
+std::size_t size(int rows) {
+  return static_cast<std::size_t>(rows) * kLanes;
+}
 
 /// Lanes beyond the last rod hold it once more.
 const RodModel& rodInLane(const std::vector<RodModel>& rods, const std::vector<int>& indices, int lane) {
@@ -107,10 +109,13 @@ FramedRods<Real> makeFramedRods(const std::vector<RodModel>& rods, const std::ve
       const double bending = rod.bending_stiffness[i];
       const double second = rod.bending_stiffness_2.empty() ? bending : rod.bending_stiffness_2[i];
       // Free twist still needs one shape: a little stiffness makes it the untwisted one.
-      const double twisting = rod.twisting_stiffness.empty() ? 1e-3 * bending : rod.twisting_stiffness[i];
-      const Eigen::Vector3d rest =
-          rod.natural_strain.empty() ? Eigen::Vector3d(0, 0, 0) : Eigen::Vector3d(rod.natural_strain[i] * voronoi);
-      const double values[6] = {bending / voronoi, second / voronoi, twisting / voronoi, rest[0], rest[1], rest[2]};
+      const double twisting =
+          rod.twisting_stiffness.empty() ? 1e-3 * bending : rod.twisting_stiffness[i];
+      const Eigen::Vector3d rest = rod.natural_strain.empty()
+                                       ? Eigen::Vector3d(0, 0, 0)
+                                       : Eigen::Vector3d(rod.natural_strain[i] * voronoi);
+      const double values[6] = {bending / voronoi, second / voronoi, twisting / voronoi,
+                                rest[0],           rest[1],          rest[2]};
       for (int k = 0; k < 6; ++k)
         framed.joint[size(6 * node + k) + static_cast<std::size_t>(lane)] = static_cast<Real>(values[k]);
     }
@@ -145,13 +150,15 @@ void placeAtRest(const RodBatchModel<Real>& model, const RodBatchRoots<Real>& ro
   std::fill(framed->tether_multiplier.begin(), framed->tether_multiplier.end(), Real(0));
 }
 
-#define CALLIGRAPHY_INSTANTIATE(Real)                                                                  \
-  template RodBatchModel<Real> makeRodBatchModel(const std::vector<RodModel>&, const std::vector<int>&, ClampRule); \
-  template FramedRods<Real> makeFramedRods(const std::vector<RodModel>&, const std::vector<int>&, ClampRule);    \
-  template RodBatchState<Real> makeRodBatchState(const RodBatchModel<Real>&);                          \
-  template RodBatchRoots<Real> makeRodBatchRoots();                                                    \
-  template RodBatchWorkspace<Real> makeRodBatchWorkspace(int);                                         \
-  template void placeAtRest(const RodBatchModel<Real>&, const RodBatchRoots<Real>&,                    \
+#define CALLIGRAPHY_INSTANTIATE(Real)                                                                   \
+  template RodBatchModel<Real> makeRodBatchModel(const std::vector<RodModel>&, const std::vector<int>&, \
+                                                 ClampRule);                                            \
+  template FramedRods<Real> makeFramedRods(const std::vector<RodModel>&, const std::vector<int>&,       \
+                                           ClampRule);                                                  \
+  template RodBatchState<Real> makeRodBatchState(const RodBatchModel<Real>&);                           \
+  template RodBatchRoots<Real> makeRodBatchRoots();                                                     \
+  template RodBatchWorkspace<Real> makeRodBatchWorkspace(int);                                          \
+  template void placeAtRest(const RodBatchModel<Real>&, const RodBatchRoots<Real>&,                     \
                             RodBatchState<Real>&, FramedRods<Real>*);
 CALLIGRAPHY_INSTANTIATE(float)
 CALLIGRAPHY_INSTANTIATE(double)

@@ -16,8 +16,12 @@ using SparseMatrix = Eigen::SparseMatrix<double>;
 constexpr int kHeldNodes = 2;
 constexpr int kRootRows = 3 * kHeldNodes;
 
-auto node(VectorXd& field, int i) { return field.segment<3>(3 * i); }
-auto node(const VectorXd& field, int i) { return field.segment<3>(3 * i); }
+auto node(VectorXd& field, int i) {
+  return field.segment<3>(3 * i);
+}
+auto node(const VectorXd& field, int i) {
+  return field.segment<3>(3 * i);
+}
 
 /// The constraints of a rod in one order of rows: the held nodes, then from the root to the tip the
 /// edge to each node and, where the sheet takes part, the node's height. In this order the Schur
@@ -88,7 +92,8 @@ ProjectionTuft::ProjectionTuft(const BrushModel& brush, const RodParameters& rod
       pool_(rods.threads) {
   for (const RodModel& model : brush.rods) {
     if (model.needsFrames())
-      throw std::invalid_argument("scheme = projection has straight, isotropic rods with a free end only");
+      throw std::invalid_argument(
+          "scheme = projection has straight, isotropic rods with a free end only");
     Rod rod;
     rod.model = model;
     rod.edge_length = model.length / (model.nodeCount() - 1);
@@ -200,7 +205,8 @@ void ProjectionTuft::project(Rod& rod, const Eigen::Isometry3d& X_PH, VectorXd& 
       // A node is let go once at most, so this comes to an end.
       bool pulls = false;
       for (int i = kHeldNodes; i < n; ++i) {
-        if (!constraints.onSheet(i) || impulse[3 * i + 2] >= 0.0 || let_go[static_cast<std::size_t>(i)]) continue;
+        if (!constraints.onSheet(i) || impulse[3 * i + 2] >= 0.0 || let_go[static_cast<std::size_t>(i)])
+          continue;
         constraints.setOnSheet(i, false);
         let_go[static_cast<std::size_t>(i)] = pulls = true;
       }
@@ -259,11 +265,18 @@ void ProjectionTuft::setNodeForce(int rod, int i, const Vector3d& force) {
 
 void ProjectionTuft::readRod(int rod, std::vector<Vector3d>& nodes) const {
   nodes.resize(static_cast<std::size_t>(at(rod).nodeCount()));
-  for (int i = 0; i < at(rod).nodeCount(); ++i) nodes[static_cast<std::size_t>(i)] = nodePosition(rod, i);
+  for (int i = 0; i < at(rod).nodeCount(); ++i)
+    nodes[static_cast<std::size_t>(i)] = nodePosition(rod, i);
 }
-Vector3d ProjectionTuft::nodePosition(int rod, int i) const { return node(at(rod).position, i); }
-Vector3d ProjectionTuft::contactForce(int rod, int i) const { return node(at(rod).contact_force, i); }
-Eigen::Matrix<double, 6, 1> ProjectionTuft::rodWrench(int rod) const { return at(rod).wrench; }
+Vector3d ProjectionTuft::nodePosition(int rod, int i) const {
+  return node(at(rod).position, i);
+}
+Vector3d ProjectionTuft::contactForce(int rod, int i) const {
+  return node(at(rod).contact_force, i);
+}
+Eigen::Matrix<double, 6, 1> ProjectionTuft::rodWrench(int rod) const {
+  return at(rod).wrench;
+}
 
 RodOnPaper ProjectionTuft::rodOnPaper(int rod) const {
   RodOnPaper result{at(rod).position[2], 0};

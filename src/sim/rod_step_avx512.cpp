@@ -3,6 +3,6 @@
 namespace calligraphy_brush {
 
 const RodStepKernel kRodStepAvx512{"avx512", &rod_step_detail::solve<float, 64>,
-                                  &rod_step_detail::solve<double, 64>};
+                                   &rod_step_detail::solve<double, 64>};
 
 }  // namespace calligraphy_brush

@@ -80,7 +80,8 @@ struct Simulator::Implementation {
   }
   /// Where the handle was after a part of the step that ends now.
   Eigen::Isometry3d handleAfter(double part) const {
-    return toIsometry(part == 1.0 ? handle : track.at(time_ns - std::llround((1.0 - part) * double(step_ns))));
+    return toIsometry(part == 1.0 ? handle
+                                  : track.at(time_ns - std::llround((1.0 - part) * double(step_ns))));
   }
 
   void solveRods() {
@@ -142,7 +143,8 @@ PoseVerdict Simulator::addPose(const HandlePose& pose) {
   Implementation& s = *implementation_;
   const auto max_gap_ns = static_cast<std::int64_t>(s.parameters.motion.max_gap * 1e9);
   if (!s.track.empty() && pose.stamp_ns > s.track.newest().stamp_ns &&
-      pose.stamp_ns - s.track.newest().stamp_ns > max_gap_ns && s.track.checkAlone(pose) == PoseVerdict::kAccepted) {
+      pose.stamp_ns - s.track.newest().stamp_ns > max_gap_ns &&
+      s.track.checkAlone(pose) == PoseVerdict::kAccepted) {
     advance();
     s.track.clear();
   }
@@ -176,7 +178,9 @@ void Simulator::wipe() {
   implementation_->report.ink_in_tip = implementation_->ink.totalVolume();
 }
 
-void Simulator::clearPaper() { implementation_->paper.clear(); }
+void Simulator::clearPaper() {
+  implementation_->paper.clear();
+}
 
 void Simulator::reset() {
   Implementation& s = *implementation_;
@@ -190,12 +194,24 @@ void Simulator::reset() {
   s.startReport();
 }
 
-const SimulatorParameters& Simulator::parameters() const { return implementation_->parameters; }
-const BrushModel& Simulator::brush() const { return implementation_->brush; }
-const Paper& Simulator::paper() const { return implementation_->paper; }
-const SimulatorReport& Simulator::report() const { return implementation_->report; }
-std::int64_t Simulator::time_ns() const { return implementation_->time_ns; }
-HandlePose Simulator::handlePose() const { return implementation_->handle; }
+const SimulatorParameters& Simulator::parameters() const {
+  return implementation_->parameters;
+}
+const BrushModel& Simulator::brush() const {
+  return implementation_->brush;
+}
+const Paper& Simulator::paper() const {
+  return implementation_->paper;
+}
+const SimulatorReport& Simulator::report() const {
+  return implementation_->report;
+}
+std::int64_t Simulator::time_ns() const {
+  return implementation_->time_ns;
+}
+HandlePose Simulator::handlePose() const {
+  return implementation_->handle;
+}
 
 HandleWrench Simulator::handleWrench() const {
   Eigen::Matrix<double, 6, 1> sum = Eigen::Matrix<double, 6, 1>::Zero();
@@ -203,13 +219,19 @@ HandleWrench Simulator::handleWrench() const {
   return {sum.head<3>(), sum.tail<3>()};
 }
 
-int Simulator::rodCount() const { return static_cast<int>(implementation_->brush.rods.size()); }
-int Simulator::nodeCount() const { return implementation_->brush.rods.front().nodeCount(); }
+int Simulator::rodCount() const {
+  return static_cast<int>(implementation_->brush.rods.size());
+}
+int Simulator::nodeCount() const {
+  return implementation_->brush.rods.front().nodeCount();
+}
 
 Eigen::Vector3d Simulator::nodePosition(int rod, int node) const {
   return implementation_->tuft->nodePosition(rod, node);
 }
-bool Simulator::nodeTouches(int rod, int node) const { return nodeContactForce(rod, node).z() > 0.0; }
+bool Simulator::nodeTouches(int rod, int node) const {
+  return nodeContactForce(rod, node).z() > 0.0;
+}
 Eigen::Vector3d Simulator::nodeContactForce(int rod, int node) const {
   return implementation_->tuft->contactForce(rod, node);
 }
@@ -227,10 +249,13 @@ std::uint64_t Simulator::stateHash() const {
     hash = hashBytes(&volume, sizeof volume, hash);
   }
   for (int row = 0; row < s.paper.height_px(); ++row)
-    hash = hashBytes(s.paper.row(row), sizeof(float) * static_cast<std::size_t>(s.paper.width_px()), hash);
+    hash =
+        hashBytes(s.paper.row(row), sizeof(float) * static_cast<std::size_t>(s.paper.width_px()), hash);
   return hash;
 }
 
-std::string Simulator::kernelName() const { return implementation_->tuft->kernelName(); }
+std::string Simulator::kernelName() const {
+  return implementation_->tuft->kernelName();
+}
 
 }  // namespace calligraphy_brush

@@ -37,7 +37,9 @@ class TuftOf : public Tuft {
       : brush_(brush),
         kernel_(findRodStepKernel(rods.instruction_set)),
         pool_(rods.threads),
-        law_(rods.bending_law == "tangent" ? kTangentLaw : rods.bending_law == "arc" ? kArcLaw : kSineLaw),
+        law_(rods.bending_law == "tangent" ? kTangentLaw
+             : rods.bending_law == "arc"   ? kArcLaw
+                                           : kSineLaw),
         clamp_(rods.clamp == "half" ? ClampRule::kHalf : ClampRule::kCorrected),
         gravity_(rods.gravity),
         stages_(makeStages(rods.scheme, rods)),
@@ -51,7 +53,8 @@ class TuftOf : public Tuft {
       for (std::size_t rod = 0; rod < brush_.rods.size(); ++rod)
         if (brush_.rods[rod].needsFrames() == framed) indices.push_back(static_cast<int>(rod));
       for (std::size_t first = 0; first < indices.size(); first += kLanes) {
-        const auto end = indices.begin() + static_cast<std::ptrdiff_t>(std::min(first + kLanes, indices.size()));
+        const auto end =
+            indices.begin() + static_cast<std::ptrdiff_t>(std::min(first + kLanes, indices.size()));
         addBatch({indices.begin() + static_cast<std::ptrdiff_t>(first), end}, framed, contact);
       }
     }
@@ -87,7 +90,8 @@ class TuftOf : public Tuft {
     const bool is_last = place.lane + 1 == batches_[place.batch].rods.size();
     for (std::size_t lane = place.lane; lane < (is_last ? kLanes : place.lane + 1); ++lane) {
       for (int i = 0; i < 3; ++i)
-        framed.end_position[static_cast<std::size_t>(i * kLanes) + lane] = static_cast<Real>(X_PE.translation()[i]);
+        framed.end_position[static_cast<std::size_t>(i * kLanes) + lane] =
+            static_cast<Real>(X_PE.translation()[i]);
       writeRotation(X_PE.linear(), static_cast<int>(lane), framed.end_frame);
     }
   }
@@ -96,7 +100,9 @@ class TuftOf : public Tuft {
     Eigen::Vector3d force(0, 0, 0);
     if (batches_[place.batch].framed)
       for (int i = 0; i < 3; ++i)
-        force[i] = double(batches_[place.batch].framed->tether_multiplier[static_cast<std::size_t>(i * kLanes) + place.lane]);
+        force[i] =
+            double(batches_[place.batch]
+                       .framed->tether_multiplier[static_cast<std::size_t>(i * kLanes) + place.lane]);
     return force;
   }
 
@@ -138,7 +144,8 @@ class TuftOf : public Tuft {
     Batch& batch = batches_[place.batch];
     batch.load.resize(batch.state.velocity.size());
     for (int i = 0; i < 3; ++i)
-      batch.load[static_cast<std::size_t>((node * 3 + i) * kLanes) + place.lane] = static_cast<Real>(force[i]);
+      batch.load[static_cast<std::size_t>((node * 3 + i) * kLanes) + place.lane] =
+          static_cast<Real>(force[i]);
   }
 
   Eigen::Vector3d nodePosition(int rod, int node) const override {
@@ -172,7 +179,8 @@ class TuftOf : public Tuft {
             &batch.state.previous_velocity, &batch.contact.multiplier, &batch.contact.offset})
         seed = hashBytes(field->data(), field->size() * sizeof(Real), seed);
     for (const Batch& batch : batches_)
-      if (batch.framed) seed = hashBytes(batch.framed->frame.data(), batch.framed->frame.size() * sizeof(Real), seed);
+      if (batch.framed)
+        seed = hashBytes(batch.framed->frame.data(), batch.framed->frame.size() * sizeof(Real), seed);
     return seed;
   }
 
@@ -200,13 +208,14 @@ class TuftOf : public Tuft {
     batch.model = makeRodBatchModel<Real>(brush_.rods, rods, clamp_);
     batch.state = makeRodBatchState(batch.model);
     batch.roots = makeRodBatchRoots<Real>();
-    if (framed) batch.framed = std::make_unique<FramedRods<Real>>(makeFramedRods<Real>(brush_.rods, rods, clamp_));
+    if (framed)
+      batch.framed = std::make_unique<FramedRods<Real>>(makeFramedRods<Real>(brush_.rods, rods, clamp_));
     batch.contact = makePaperContactState<Real>(batch.model.node_count);
     batch.contact.friction = static_cast<Real>(contact.paper_friction);
     for (std::size_t i = 0; i < batch.contact.stiffness.size(); ++i)
-      batch.contact.stiffness[i] =
-          static_cast<Real>(contact.stiffness * (stages_.back().coefficients.inertia * double(batch.model.mass[i]) +
-                                                 double(batch.model.stiffness[i])));
+      batch.contact.stiffness[i] = static_cast<Real>(
+          contact.stiffness * (stages_.back().coefficients.inertia * double(batch.model.mass[i]) +
+                               double(batch.model.stiffness[i])));
     batch.wrench.resize(6 * kLanes);
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
       const RodModel& rod = brush_.rods[static_cast<std::size_t>(rods[std::min(lane, rods.size() - 1)])];
@@ -252,7 +261,8 @@ class TuftOf : public Tuft {
       double* old = batch.root_position.data() + i * kLanes;
       std::array<Real, kLanes> position, way, direction;
       for (std::size_t lane = 0; lane < kLanes; ++lane) {
-        const double now = shift + x * root[lane] + y * root[kLanes + lane] + z * root[2 * kLanes + lane];
+        const double now =
+            shift + x * root[lane] + y * root[kLanes + lane] + z * root[2 * kLanes + lane];
         position[lane] = static_cast<Real>(now);
         way[lane] = static_cast<Real>(now - old[lane]);
         old[lane] = now;
@@ -267,8 +277,8 @@ class TuftOf : public Tuft {
     }
     if (batch.framed)
       for (int lane = 0; lane < kLanes; ++lane) {
-        const RodModel& rod =
-            brush_.rods[static_cast<std::size_t>(batch.rods[static_cast<std::size_t>(std::min(lane, rod_count - 1))])];
+        const RodModel& rod = brush_.rods[static_cast<std::size_t>(
+            batch.rods[static_cast<std::size_t>(std::min(lane, rod_count - 1))])];
         Eigen::Matrix3d R;
         R.col(2) = rod.direction_H;
         R.col(0) = (rod.director_H - rod.director_H.dot(rod.direction_H) * rod.direction_H).normalized();
@@ -280,9 +290,10 @@ class TuftOf : public Tuft {
   void solve(Batch& batch, RodBatchWorkspace<Real>& workspace) {
     const StepCoefficients& coefficients = stage_->coefficients;
     addLoad(batch, coefficients, Real(1), batch.state.velocity);
-    batch.report = kernel_(RodStep<Real>{batch.model, batch.roots, coefficients, settings_, law_,
-                                         gravity_, pivot_.data(), has_paper_ ? &batch.contact : nullptr, batch.framed.get(),
-                                         batch.state, workspace, batch.wrench.data()});
+    batch.report =
+        kernel_(RodStep<Real>{batch.model, batch.roots, coefficients, settings_, law_, gravity_,
+                              pivot_.data(), has_paper_ ? &batch.contact : nullptr, batch.framed.get(),
+                              batch.state, workspace, batch.wrench.data()});
     addLoad(batch, coefficients, Real(-1), batch.state.previous_velocity);
     if (coefficients.from_velocity != 0.0)
       addLoad(batch, coefficients, static_cast<Real>(-coefficients.from_velocity), batch.state.velocity);
@@ -303,14 +314,16 @@ class TuftOf : public Tuft {
   static void lookAtPaper(Batch& batch) {
     const bool engaged = std::any_of(batch.contact.engaged.begin(), batch.contact.engaged.end(),
                                      [](char lanes) { return lanes != 0; });
-    std::array<Real, kLanes> lowest;  // apart from the positions, so that loops are compiled to registers
+    std::array<Real, kLanes>
+        lowest;  // apart from the positions, so that loops are compiled to registers
     std::array<int, kLanes> touching;
     lowest.fill(std::numeric_limits<Real>::max());
     touching.fill(0);
     for (int node = 0; node < batch.model.node_count; ++node) {
       const Real* z = batch.state.position.data() + (node * 3 + 2) * kLanes;
       const Real* push = batch.contact.force.data() + (node * 3 + 2) * kLanes;
-      for (std::size_t lane = 0; lane < kLanes; ++lane) lowest[lane] = z[lane] < lowest[lane] ? z[lane] : lowest[lane];
+      for (std::size_t lane = 0; lane < kLanes; ++lane)
+        lowest[lane] = z[lane] < lowest[lane] ? z[lane] : lowest[lane];
       if (!engaged) continue;
       for (std::size_t lane = 0; lane < kLanes; ++lane) touching[lane] += push[lane] > 0;
     }
@@ -347,7 +360,9 @@ void Tuft::setNodeForce(int, int, const Eigen::Vector3d&) {
   throw std::invalid_argument(std::string("the ") + kernelName() + " scheme takes no loads on nodes");
 }
 
-Eigen::Vector3d Tuft::endForce(int) const { return {0, 0, 0}; }
+Eigen::Vector3d Tuft::endForce(int) const {
+  return {0, 0, 0};
+}
 
 std::unique_ptr<Tuft> makeTuft(const BrushModel& brush, const RodParameters& rods,
                                const ContactParameters& contact) {

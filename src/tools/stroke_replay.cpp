@@ -91,8 +91,9 @@ void replay(const Arguments& arguments, const BrushSimulatorParameters& paramete
   if (!why.empty()) std::cerr << "stroke_replay: warning: " << why << "\n";
 
   const Paper& paper = simulator.paper();
-  if (paper.inkVolume() <= 0.0)
-    std::cerr << "stroke_replay: warning: nothing was written: no hair met the sheet. Were the poses made for brush "
+  if (!arguments.quiet && paper.inkVolume() <= 0.0)
+    std::cerr << "stroke_replay: warning: nothing was written: no hair met the sheet. Were the poses "
+                 "made for brush "
               << arguments.brush << "?\n";
   std::vector<std::uint8_t> picture;
   paper.render(picture);

@@ -85,8 +85,10 @@ Scene standardStroke(int rods, int nodes) {
 /// Rods of weight 20 EI/L² fall from straight and horizontal; no sheet.
 Scene freeRelease(int rods) {
   Scene scene;
-  const double bending = StandardStroke::kLineDensity * 9.81 * std::pow(StandardStroke::kLength, 3) / 20.0;
-  const RodModel rod = makeUniformRod(StandardStroke::kLength, bending, StandardStroke::kLineDensity, 10);
+  const double bending =
+      StandardStroke::kLineDensity * 9.81 * std::pow(StandardStroke::kLength, 3) / 20.0;
+  const RodModel rod =
+      makeUniformRod(StandardStroke::kLength, bending, StandardStroke::kLineDensity, 10);
   scene.brush.tip_length = rod.length;
   scene.brush.rods.assign(static_cast<std::size_t>(rods), rod);
   scene.contact.paper = false;
@@ -149,7 +151,9 @@ constexpr int kBaselineRods = 3;
 double strokeBaseline(int nodes) {
   return baselineCost("stroke/" + std::to_string(nodes), standardStroke(kBaselineRods, nodes));
 }
-double releaseBaseline() { return baselineCost("release", freeRelease(kBaselineRods)); }
+double releaseBaseline() {
+  return baselineCost("release", freeRelease(kBaselineRods));
+}
 
 void writeCounters(benchmark::State& state, const Cost& cost, int rods, double baseline) {
   state.counters["us_per_rod_step"] = 1e6 * cost.seconds / cost.rod_steps;
@@ -175,7 +179,8 @@ struct Method {
   }
   std::string name() const {
     std::ostringstream text;
-    text << precision << "/" << instruction_set << "/threads:" << threads << "/step_ms:" << 1e3 * time_step;
+    text << precision << "/" << instruction_set << "/threads:" << threads
+         << "/step_ms:" << 1e3 * time_step;
     return text.str();
   }
 };
@@ -219,11 +224,13 @@ void timeSimulator(benchmark::State& state, int rods, int nodes, const Method& m
     cost.rod_steps += static_cast<double>(report.rod_step_count);
     cost.iterations += static_cast<double>(report.iteration_count);
     cost.unconverged += static_cast<double>(report.unconverged_count);
-    for (int stage = 0; stage < kStages; ++stage) stages[stage] += report.stage_seconds[static_cast<std::size_t>(stage)];
+    for (int stage = 0; stage < kStages; ++stage)
+      stages[stage] += report.stage_seconds[static_cast<std::size_t>(stage)];
   }
   writeCounters(state, cost, rods, strokeBaseline(nodes));
   for (int stage = 0; stage < kStages; ++stage)
-    state.counters[std::string(toString(static_cast<Stage>(stage))) + "_us"] = 1e6 * stages[stage] / cost.rod_steps;
+    state.counters[std::string(toString(static_cast<Stage>(stage))) + "_us"] =
+        1e6 * stages[stage] / cost.rod_steps;
 }
 
 /// One batch of rods in the air on a handle that goes round: kernels alone. us_per_rod_step is a step of
@@ -275,8 +282,9 @@ void timeKernel(benchmark::State& state, int nodes, const std::string& instructi
       const StopWatch watch(1);
       SolveReport report;
       for (int step = 0; step < 10 * kPeriod; ++step) {
-        report = kernel(RodStep<Real>{model, roots[static_cast<std::size_t>(step % kPeriod)], coefficients, settings,
-                                      kTangentLaw, 9.81, pivot, nullptr, nullptr, rods, workspace, wrench.data()});
+        report = kernel(RodStep<Real>{model, roots[static_cast<std::size_t>(step % kPeriod)],
+                                      coefficients, settings, kTangentLaw, 9.81, pivot, nullptr, nullptr,
+                                      rods, workspace, wrench.data()});
         iterations[many] += report.iterations;
       }
       seconds[many] += watch.seconds();
@@ -290,7 +298,8 @@ void timeKernel(benchmark::State& state, int nodes, const std::string& instructi
     cost.iterations = iterations[0];
   }
   writeCounters(state, cost, kLanes, strokeBaseline(nodes));
-  state.counters["us_per_rod_iteration"] = 1e6 * (seconds[1] - seconds[0]) / (iterations[1] - iterations[0]);
+  state.counters["us_per_rod_iteration"] =
+      1e6 * (seconds[1] - seconds[0]) / (iterations[1] - iterations[0]);
 }
 
 bool processorHas(const std::string& instruction_set) {
@@ -317,18 +326,22 @@ void addBenchmarks() {
     const Scene scene = standardStroke(kBaselineRods, nodes);
     const RodParameters rods = baselineParameters(scene);
     std::ostringstream name;
-    name << "projection/stroke/nodes:" << nodes << "/rods:" << kBaselineRods << "/step_ms:" << 1e3 * rods.time_step;
-    add(name.str(), [=](benchmark::State& state) { timeTuft(state, scene, rods, strokeBaseline(nodes)); });
+    name << "projection/stroke/nodes:" << nodes << "/rods:" << kBaselineRods
+         << "/step_ms:" << 1e3 * rods.time_step;
+    add(name.str(),
+        [=](benchmark::State& state) { timeTuft(state, scene, rods, strokeBaseline(nodes)); });
   }
   const Scene few = freeRelease(kBaselineRods);
-  add("projection/release/nodes:10/rods:" + std::to_string(kBaselineRods),
-      [=](benchmark::State& state) { timeTuft(state, few, baselineParameters(few), releaseBaseline()); });
+  add("projection/release/nodes:10/rods:" + std::to_string(kBaselineRods), [=](benchmark::State& state) {
+    timeTuft(state, few, baselineParameters(few), releaseBaseline());
+  });
 
   for (const int nodes : {8, 16, 32})
     for (const std::string& set : sets) {
       const std::string name = "kernel/nodes:" + std::to_string(nodes) + "/";
       add(name + "float/" + set, [=](benchmark::State& state) { timeKernel<float>(state, nodes, set); });
-      add(name + "double/" + set, [=](benchmark::State& state) { timeKernel<double>(state, nodes, set); });
+      add(name + "double/" + set,
+          [=](benchmark::State& state) { timeKernel<double>(state, nodes, set); });
     }
 
   std::vector<Method> methods;
@@ -341,12 +354,13 @@ void addBenchmarks() {
   for (const int nodes : {8, 16, 32})
     for (const int rods : {3, 64, 256, 1024})
       for (const Method& method : methods) {
-        const std::string name =
-            "stroke/nodes:" + std::to_string(nodes) + "/rods:" + std::to_string(rods) + "/" + method.name();
+        const std::string name = "stroke/nodes:" + std::to_string(nodes) +
+                                 "/rods:" + std::to_string(rods) + "/" + method.name();
         add("tuft/" + name, [=](benchmark::State& state) {
           timeTuft(state, standardStroke(rods, nodes), method.parameters(), strokeBaseline(nodes));
         });
-        add("simulator/" + name, [=](benchmark::State& state) { timeSimulator(state, rods, nodes, method); });
+        add("simulator/" + name,
+            [=](benchmark::State& state) { timeSimulator(state, rods, nodes, method); });
       }
   for (Method method : methods) {
     if (method.time_step != 0.002) continue;

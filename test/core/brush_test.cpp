@@ -28,7 +28,8 @@ TEST(Brush, HasItsHairs) {
   }
   const double area = kPi * p.hair_radius * p.hair_radius;
   EXPECT_NEAR(mass, p.hair_count * area * p.density * p.tip_length, 1e-9 * mass);
-  EXPECT_NEAR(stiffness, p.hair_count * p.youngs_modulus * area * p.hair_radius * p.hair_radius / 4, 1e-9 * stiffness);
+  EXPECT_NEAR(stiffness, p.hair_count * p.youngs_modulus * area * p.hair_radius * p.hair_radius / 4,
+              1e-9 * stiffness);
 }
 
 TEST(Brush, IsLongestAtItsCoreAndFitsItsFerrule) {

@@ -15,7 +15,8 @@ constexpr double kPi = 3.14159265358979323846;
 /// A weightless rod, L = B = 1, pressed quasi-statically in the plane y = 0 to a depth, its handle
 /// tilted so that the tip slides towards +x, and then dragged.
 struct PressedRod {
-  PressedRod(double tilt_deg, double friction, int node_count) : nodes(node_count), tilt(tilt_deg * kPi / 180) {
+  PressedRod(double tilt_deg, double friction, int node_count)
+      : nodes(node_count), tilt(tilt_deg * kPi / 180) {
     // So much damping that the tip comes to rest from one side: past its rest it would stick there.
     RodParameters rods = exactRods(0.1);
     rods.scheme = "backward_euler";
@@ -33,7 +34,8 @@ struct PressedRod {
     return handleAt({x, 0, std::cos(tilt) - depth}, -tilt);
   }
   void press(double depth) {
-    for (int step = 1; step <= 2000; ++step) tuft->step(pose(depth * (1 - std::pow(1 - step / 2000.0, 4)), 0));
+    for (int step = 1; step <= 2000; ++step)
+      tuft->step(pose(depth * (1 - std::pow(1 - step / 2000.0, 4)), 0));
     for (int step = 0; step < 2000; ++step) tuft->step(pose(depth, 0));
   }
   Eigen::Vector3d force() const {
@@ -138,7 +140,8 @@ TEST(PaperContact, WithOneUpdateAStepIsWithinAPercentOfTheSolvedCone) {
     contact.multiplier_updates = updates;
     const auto tuft = makeTuft(referenceRod(16), rods, contact);
     const auto pose = [](int step) {
-      return handleAt({0.00005 * std::max(0, step - 400), 0, 0.045 - 0.01 * std::min(1.0, step / 400.0)}, 0.35);
+      return handleAt({0.00005 * std::max(0, step - 400), 0, 0.045 - 0.01 * std::min(1.0, step / 400.0)},
+                      0.35);
     };
     tuft->place(pose(0));
     for (int step = 1; step < 1500; ++step) tuft->step(pose(step));
@@ -157,7 +160,9 @@ TEST(PaperContact, LeavingTheSheetOutWhereItIsOutOfReachChangesNothing) {
   ContactParameters with, without;
   without.paper = false;
   const auto a = makeTuft(referenceRod(16), rods, with), b = makeTuft(referenceRod(16), rods, without);
-  const auto pose = [](int step) { return handleAt({0.01 * std::sin(0.1 * step), 0, 0.048}, 0.2 * std::sin(0.05 * step)); };
+  const auto pose = [](int step) {
+    return handleAt({0.01 * std::sin(0.1 * step), 0, 0.048}, 0.2 * std::sin(0.05 * step));
+  };
   a->place(pose(0));
   b->place(pose(0));
   for (int step = 1; step < 1000; ++step) {

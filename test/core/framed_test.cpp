@@ -40,8 +40,9 @@ TEST_P(BothKernels, AgreeOnWhatBothCanDo) {
   // Swung in the air, pressed, and drawn away sideways.
   const auto pose = [](int step) {
     const double press = std::clamp((step - 200) / 200.0, 0.0, 1.0);
-    return handleAt({0.0002 * std::max(0, step - 450), 0.005 * std::sin(0.02 * step), 0.055 - 0.02 * press},
-                    0.3 + 0.2 * std::sin(0.03 * step));
+    return handleAt(
+        {0.0002 * std::max(0, step - 450), 0.005 * std::sin(0.02 * step), 0.055 - 0.02 * press},
+        0.3 + 0.2 * std::sin(0.03 * step));
   };
   a->place(pose(0));
   b->place(pose(0));
@@ -56,7 +57,8 @@ TEST_P(BothKernels, AgreeOnWhatBothCanDo) {
   EXPECT_LT((a->rodWrench(0) - b->rodWrench(0)).norm(), 1e-7 * a->rodWrench(0).norm());
 }
 
-INSTANTIATE_TEST_SUITE_P(Schemes, BothKernels, testing::Combine(testing::Values("backward_euler", "bdf2"),
+INSTANTIATE_TEST_SUITE_P(Schemes, BothKernels,
+                         testing::Combine(testing::Values("backward_euler", "bdf2"),
                                           testing::Values("tangent", "arc", "sine"),
                                           testing::Values("half", "corrected")));
 
@@ -136,7 +138,8 @@ TEST(FramedRods, HoldTheFarEndWhereItIsClamped) {
   for (int step = 1; step <= 400; ++step) {
     tuft->moveEnd(0, end(std::min(1.0, step / 200.0)));
     EXPECT_EQ(tuft->step(X).unconverged, 0);
-    EXPECT_LT((tuft->nodePosition(0, 29) - end(std::min(1.0, step / 200.0)).translation()).norm(), 1e-10);
+    EXPECT_LT((tuft->nodePosition(0, 29) - end(std::min(1.0, step / 200.0)).translation()).norm(),
+              1e-10);
   }
   // Forces at the two clamps are in balance.
   EXPECT_LT((tuft->rodWrench(0).head<3>() + tuft->endForce(0)).norm(), 1e-6 * tuft->endForce(0).norm());

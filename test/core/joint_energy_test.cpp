@@ -18,11 +18,14 @@ Q exponential(const Eigen::Vector3d& w) {
   return {std::cos(angle / 2), s * w.x(), s * w.y(), s * w.z()};
 }
 
-Q positive(Q q) { return q.w < 0 ? Q{-q.w, -q.x, -q.y, -q.z} : q; }
+Q positive(Q q) {
+  return q.w < 0 ? Q{-q.w, -q.x, -q.y, -q.z} : q;
+}
 
 double energy(const Q& q0, const Q& q1, const Joint<double>& joint, const Eigen::Vector3d& w0,
               const Eigen::Vector3d& w1, double round) {
-  return jointEnergy(positive((q0 * exponential(w0)).conjugate() * (q1 * exponential(w1))), joint, round);
+  return jointEnergy(positive((q0 * exponential(w0)).conjugate() * (q1 * exponential(w1))), joint,
+                     round);
 }
 
 struct Case {
@@ -37,7 +40,11 @@ Case randomCase(std::mt19937& random, double bend, double scale) {
   Case c;
   c.q0 = exponential(vector());
   c.q1 = c.q0 * exponential(bend * vector());
-  c.joint = {stiffness(), stiffness(), stiffness(), 0.3 * bend * normal(random), 0.3 * bend * normal(random),
+  c.joint = {stiffness(),
+             stiffness(),
+             stiffness(),
+             0.3 * bend * normal(random),
+             0.3 * bend * normal(random),
              0.3 * bend * normal(random)};
   return c;
 }
@@ -63,7 +70,8 @@ TEST(JointStrain, IsThatOfDiscreteElasticRods) {
     const double cosine = dot(at, bt);
     EXPECT_NEAR(std::hypot(strain.bend1, strain.bend2), 2 * std::tan(std::acos(cosine) / 2), 1e-7);
     // Twist: carry the first edge's directors along to the second, then measure the angle.
-    const Eigen::Vector3d t0(at.x, at.y, at.z), t1(bt.x, bt.y, bt.z), d0(a1.x, a1.y, a1.z), d1(b1.x, b1.y, b1.z);
+    const Eigen::Vector3d t0(at.x, at.y, at.z), t1(bt.x, bt.y, bt.z), d0(a1.x, a1.y, a1.z),
+        d1(b1.x, b1.y, b1.z);
     const Eigen::Vector3d carried = Eigen::Quaterniond::FromTwoVectors(t0, t1) * d0;
     EXPECT_NEAR(strain.twist, std::atan2(carried.cross(d1).dot(t1), carried.dot(d1)), 1e-9);
   }
@@ -81,8 +89,16 @@ TEST(JointEnergy, GradientIsItsDerivative) {
         const double h = 1e-5;
         for (int i = 0; i < 3; ++i) {
           const Eigen::Vector3d e = h * Eigen::Vector3d::Unit(i), o = Eigen::Vector3d::Zero();
-          EXPECT_NEAR(d.gradient0[i], (energy(c.q0, c.q1, c.joint, e, o, round) - energy(c.q0, c.q1, c.joint, -e, o, round)) / (2 * h), 2e-7 * scale);
-          EXPECT_NEAR(d.gradient1[i], (energy(c.q0, c.q1, c.joint, o, e, round) - energy(c.q0, c.q1, c.joint, o, -e, round)) / (2 * h), 2e-7 * scale);
+          EXPECT_NEAR(
+              d.gradient0[i],
+              (energy(c.q0, c.q1, c.joint, e, o, round) - energy(c.q0, c.q1, c.joint, -e, o, round)) /
+                  (2 * h),
+              2e-7 * scale);
+          EXPECT_NEAR(
+              d.gradient1[i],
+              (energy(c.q0, c.q1, c.joint, o, e, round) - energy(c.q0, c.q1, c.joint, o, -e, round)) /
+                  (2 * h),
+              2e-7 * scale);
         }
       }
 }
@@ -103,7 +119,8 @@ TEST(JointEnergy, HessianIsItsSecondDerivativeAndSymmetric) {
         };
         for (int i = 0; i < 6; ++i)
           for (int j = 0; j < 6; ++j) {
-            const Eigen::Matrix<double, 6, 1> a = h * Eigen::Matrix<double, 6, 1>::Unit(i), b = h * Eigen::Matrix<double, 6, 1>::Unit(j);
+            const Eigen::Matrix<double, 6, 1> a = h * Eigen::Matrix<double, 6, 1>::Unit(i),
+                                              b = h * Eigen::Matrix<double, 6, 1>::Unit(j);
             const double difference = (at(a + b) - at(a - b) - at(b - a) + at(-a - b)) / (4 * h * h);
             const double ours = i < 3 ? (j < 3 ? d.hessian00[i][j] : d.hessian01[i][j - 3])
                                       : (j < 3 ? d.hessian01[j][i - 3] : d.hessian11[i - 3][j - 3]);

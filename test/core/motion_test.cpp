@@ -23,7 +23,8 @@ HandlePose poseAt(std::int64_t milliseconds, double x, double angle = 0.0) {
 
 TEST(PoseTrack, GoesThroughEveryPose) {
   PoseTrack track{MotionParameters{}};
-  for (int k = 0; k < 20; ++k) ASSERT_EQ(track.add(poseAt(8 * k + k % 3, 0.0001 * k * k, 0.1 * k)), PoseVerdict::kAccepted);
+  for (int k = 0; k < 20; ++k)
+    ASSERT_EQ(track.add(poseAt(8 * k + k % 3, 0.0001 * k * k, 0.1 * k)), PoseVerdict::kAccepted);
   for (int k = 0; k < 20; ++k) {
     const HandlePose want = poseAt(8 * k + k % 3, 0.0001 * k * k, 0.1 * k);
     const HandlePose got = track.at(want.stamp_ns);
@@ -34,12 +35,14 @@ TEST(PoseTrack, GoesThroughEveryPose) {
 
 TEST(PoseTrack, HasNoKinksInPositionOrOrientation) {
   PoseTrack track{MotionParameters{}};
-  for (int k = 0; k < 12; ++k) track.add(poseAt(8 * k, 0.01 * std::sin(0.9 * k), 0.3 * std::cos(1.3 * k)));
+  for (int k = 0; k < 12; ++k)
+    track.add(poseAt(8 * k, 0.01 * std::sin(0.9 * k), 0.3 * std::cos(1.3 * k)));
   const std::int64_t d = 1000;  // 1 µs
   for (int k = 1; k < 11; ++k) {
     const std::int64_t t = 8 * k * kMillisecond;
     const auto before = track.at(t - d), at = track.at(t), after = track.at(t + d);
-    const double jump = ((after.position - at.position) - (at.position - before.position)).norm() / (d * 1e-9);
+    const double jump =
+        ((after.position - at.position) - (at.position - before.position)).norm() / (d * 1e-9);
     EXPECT_LT(jump, 1e-2) << k;  // [m/s]; between poses the speed differs by metres a second
     const Eigen::Quaterniond first = before.orientation.conjugate() * at.orientation;
     const Eigen::Quaterniond second = at.orientation.conjugate() * after.orientation;

@@ -40,7 +40,8 @@ TEST(Paper, CoversTheAreaOfACapsule) {
   for (const double angle : {0.0, 0.3, 0.8, 1.57}) {
     Paper paper(smallSheet());
     const double volume = paper.deposit({0.015, 0.012, radius, 0.015 + length * std::cos(angle),
-                                         0.012 + length * std::sin(angle), radius}, thickness);
+                                         0.012 + length * std::sin(angle), radius},
+                                        thickness);
     EXPECT_NEAR(volume / thickness / area, 1.0, 0.005) << angle;
     EXPECT_NEAR(paper.inkVolume(), volume, 1e-6 * volume);
   }
@@ -49,7 +50,8 @@ TEST(Paper, CoversTheAreaOfACapsule) {
 TEST(Paper, CoversTheAreaOfALineThinnerThanAPixel) {
   const double half_width = 0.00003, length = 0.02;  // a quarter of a pixel
   Paper paper(smallSheet());
-  const double volume = paper.deposit({0.005, 0.0151, half_width, 0.005 + length, 0.0151, half_width}, 1e-5);
+  const double volume =
+      paper.deposit({0.005, 0.0151, half_width, 0.005 + length, 0.0151, half_width}, 1e-5);
   EXPECT_NEAR(volume / 1e-5 / (2 * half_width * length), 1.0, 0.05);
 }
 
@@ -89,7 +91,8 @@ TEST(Paper, DarkensByBeerAndLambert) {
     paper.deposit({0.02, 0.015, 0.003, 0.02, 0.015, 0.003}, thickness);
     std::vector<std::uint8_t> picture;
     paper.render(picture);
-    EXPECT_NEAR(*std::min_element(picture.begin(), picture.end()), 255 * std::exp(-thickness / 1e-5), 0.8);
+    EXPECT_NEAR(*std::min_element(picture.begin(), picture.end()), 255 * std::exp(-thickness / 1e-5),
+                0.8);
   }
 }
 
@@ -115,7 +118,8 @@ TEST(TipInk, LosesWhatTheSheetGains) {
   Paper paper(smallSheet());
   TipInk ink(plainBrush(), InkParameters{});
   const double before = ink.totalVolume();
-  for (int step = 0; step <= 200; ++step) ink.transfer(0, rodWithTipAt(0.005 + 0.0001 * step, 0.015, 0), paper);
+  for (int step = 0; step <= 200; ++step)
+    ink.transfer(0, rodWithTipAt(0.005 + 0.0001 * step, 0.015, 0), paper);
   EXPECT_GT(paper.inkVolume(), 0.0);
   EXPECT_NEAR(ink.totalVolume() + paper.inkVolume(), before, 1e-6 * paper.inkVolume());
 }
@@ -138,7 +142,8 @@ TEST(TipInk, DrawsAsWideAsTheBundleLies) {
     BrushModel brush = plainBrush();
     brush.rods[0].ink_capacity = 1e-6;  // so that it does not fade
     TipInk ink(brush, parameters);
-    for (int step = 0; step <= 300; ++step) ink.transfer(0, rodWithTipAt(0.005 + 0.0001 * step, 0.015, z), paper);
+    for (int step = 0; step <= 300; ++step)
+      ink.transfer(0, rodWithTipAt(0.005 + 0.0001 * step, 0.015, z), paper);
     double width = 0;
     for (int row = 0; row < paper.height_px(); ++row) width += double(paper.ink(400, row));
     width *= paper.pixelSize() / parameters.film_thickness;

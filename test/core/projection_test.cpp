@@ -29,7 +29,8 @@ double highestFrequency(double length, double bending, double density, int n) {
   Eigen::MatrixXd turn = Eigen::MatrixXd::Zero(n - 2, n - 2);
   for (int joint = 1; joint <= n - 2; ++joint)
     for (const auto& [node, weight] : {std::pair{joint - 1, 1.0}, {joint, -2.0}, {joint + 1, 1.0}})
-      if (node >= 2) turn(joint - 1, node - 2) = weight / l / std::sqrt(density * l * (node == n - 1 ? 0.5 : 1.0));
+      if (node >= 2)
+        turn(joint - 1, node - 2) = weight / l / std::sqrt(density * l * (node == n - 1 ? 0.5 : 1.0));
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(bending / l * turn.transpose() * turn);
   return std::sqrt(solver.eigenvalues().maxCoeff());
 }
@@ -39,7 +40,8 @@ double referenceLimit(int n) {
 }
 
 /// How far the reference rod's tip slides [m] from where it first touched, pressed 10 mm at 30°.
-double slideOfPressedTip(const RodParameters& rods, double friction, double* friction_over_push = nullptr) {
+double slideOfPressedTip(const RodParameters& rods, double friction,
+                         double* friction_over_push = nullptr) {
   const int n = 10;
   ContactParameters contact;
   contact.paper_friction = friction;
@@ -107,7 +109,8 @@ TEST_P(ProjectedCantilever, SettlesWhereTheReferenceSaysAsTheStepGoesToZero) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Reference, ProjectedCantilever,
-                         testing::Values(FixedEdgeCantilever{0.9684309375, 10, 0.99449247065, -0.0948253787702},
+                         testing::Values(FixedEdgeCantilever{0.9684309375, 10, 0.99449247065,
+                                                             -0.0948253787702},
                                          FixedEdgeCantilever{10, 5, 0.826447027549, -0.47127302036},
                                          FixedEdgeCantilever{10, 10, 0.732852455911, -0.607554111536},
                                          FixedEdgeCantilever{100, 10, 0.248947599147, -0.855499468609}));
@@ -118,7 +121,8 @@ TEST(Projection, HoldsItsConstraintsInEveryStep) {
   const RodParameters rods = projection(0.0002);
   const auto tuft = makeTuft(referenceRod(n), rods, ContactParameters{});
   const auto pose = [](double t) {
-    return handleAt({0.02 * std::sin(10 * t), 0, 0.05 - 0.02 * std::sin(3 * t)}, -0.5 - 0.1 * std::sin(8 * t));
+    return handleAt({0.02 * std::sin(10 * t), 0, 0.05 - 0.02 * std::sin(3 * t)},
+                    -0.5 - 0.1 * std::sin(8 * t));
   };
   tuft->place(pose(0));
   double stretch = 0, root = 0, depth = 0;
@@ -130,7 +134,8 @@ TEST(Projection, HoldsItsConstraintsInEveryStep) {
     root = std::max({root, (tuft->nodePosition(0, 0) - X.translation()).norm(),
                      (tuft->nodePosition(0, 1) - next).norm()});
     for (int node = 0; node + 1 < n; ++node)
-      stretch = std::max(stretch, std::abs((tuft->nodePosition(0, node + 1) - tuft->nodePosition(0, node)).norm() - l));
+      stretch = std::max(
+          stretch, std::abs((tuft->nodePosition(0, node + 1) - tuft->nodePosition(0, node)).norm() - l));
     depth = std::max(depth, -tuft->rodOnPaper(0).lowest);
     touching += tuft->rodOnPaper(0).touching > 0;
     for (int node = 0; node < n; ++node) ASSERT_GE(tuft->contactForce(0, node).z(), 0.0);
@@ -191,7 +196,9 @@ TEST(Projection, FrictionIsBoundByTheConeAndOpposesTheMotion) {
   ContactParameters contact;
   contact.paper_friction = 0.2;
   const auto tuft = makeTuft(referenceRod(n), rods, contact);
-  const auto pose = [](double t) { return handleAt({-0.1 * t, 0, 0.04 - 0.03 * std::min(t, 0.2)}, -kPi / 6); };
+  const auto pose = [](double t) {
+    return handleAt({-0.1 * t, 0, 0.04 - 0.03 * std::min(t, 0.2)}, -kPi / 6);
+  };
   tuft->place(pose(0));
   int steps_with_friction = 0;
   for (int step = 1; step < 2500; ++step) {

@@ -55,7 +55,8 @@ struct OneNode {
   double x = 0, v = 0, d = 0, v_before = 0;
   /// Minimises ½ m inertia (d − target)² + ½ k x².
   void stage(const StepCoefficients& k, double gravity, double spring) {
-    const double target = k.displacement * d + k.velocity * v + k.previous_velocity * v_before + k.gravity * gravity;
+    const double target =
+        k.displacement * d + k.velocity * v + k.previous_velocity * v_before + k.gravity * gravity;
     const double way = (k.inertia * target - spring * x) / (k.inertia + spring);
     const double next = k.from_way * way + k.from_displacement * d + k.from_velocity * v;
     v_before = v;
@@ -85,7 +86,8 @@ double springError(const char* scheme, int steps) {
 }  // namespace
 
 TEST(StepCoefficients, HaveTheOrderOfTheirScheme) {
-  for (const auto& [scheme, order] : {std::pair{"backward_euler", 1.0}, {"bdf2", 2.0}, {"sdirk2", 2.0}}) {
+  for (const auto& [scheme, order] :
+       {std::pair{"backward_euler", 1.0}, {"bdf2", 2.0}, {"sdirk2", 2.0}}) {
     const double measured = std::log2(springError(scheme, 400) / springError(scheme, 800));
     EXPECT_NEAR(measured, order, 0.1) << scheme;
   }
@@ -140,15 +142,14 @@ TEST_P(HeavyCantilever, SettlesWhereTheReferenceSays) {
   EXPECT_NEAR(wrench[4], moment, 1e-7 * c.gamma);
 }
 
-INSTANTIATE_TEST_SUITE_P(
-    Reference, HeavyCantilever,
-    testing::Values(Cantilever{0.9684309375, 10, 0.991644636829, -0.121082929633},
-                    Cantilever{0.9684309375, 40, 0.991773313694, -0.119738635442},
-                    Cantilever{10, 5, 0.655096728459, -0.717182606591},
-                    Cantilever{10, 20, 0.657055501537, -0.700368025936},
-                    Cantilever{10, 80, 0.656408364578, -0.700194569395},
-                    Cantilever{100, 10, 0.161835036247, -0.947431145007},
-                    Cantilever{100, 40, 0.160081033101, -0.937794636365}));
+INSTANTIATE_TEST_SUITE_P(Reference, HeavyCantilever,
+                         testing::Values(Cantilever{0.9684309375, 10, 0.991644636829, -0.121082929633},
+                                         Cantilever{0.9684309375, 40, 0.991773313694, -0.119738635442},
+                                         Cantilever{10, 5, 0.655096728459, -0.717182606591},
+                                         Cantilever{10, 20, 0.657055501537, -0.700368025936},
+                                         Cantilever{10, 80, 0.656408364578, -0.700194569395},
+                                         Cantilever{100, 10, 0.161835036247, -0.947431145007},
+                                         Cantilever{100, 40, 0.160081033101, -0.937794636365}));
 
 TEST(Rods, KeepTheirLengthInEveryStep) {
   ContactParameters contact;
@@ -162,8 +163,10 @@ TEST(Rods, KeepTheirLengthInEveryStep) {
       tuft->step(handleAt({0.02 * std::sin(0.1 * step), 0, 0.05 - 0.03 * std::sin(0.01 * step)},
                           0.5 * std::sin(0.05 * step)));
       for (int node = 0; node < 15; ++node)
-        worst = std::max(worst, std::abs((tuft->nodePosition(0, node + 1) - tuft->nodePosition(0, node)).norm() /
-                                             (kReferenceLength / 15) - 1));
+        worst = std::max(
+            worst, std::abs((tuft->nodePosition(0, node + 1) - tuft->nodePosition(0, node)).norm() /
+                                (kReferenceLength / 15) -
+                            1));
     }
     EXPECT_LT(worst, precision == std::string("float") ? 1e-5 : 1e-13) << precision;
   }
@@ -254,10 +257,12 @@ TEST(Rods, GiveTheSameMotionWhereverAndHoweverTheSceneIsTurned) {
 namespace {
 
 /// Hash of a brush of `count` reference rods of differing length after a press and a drag.
-std::uint64_t strokeHash(const RodParameters& rods, int count, std::vector<Eigen::Vector3d>* first_rod = nullptr) {
+std::uint64_t strokeHash(const RodParameters& rods, int count,
+                         std::vector<Eigen::Vector3d>* first_rod = nullptr) {
   BrushModel brush;
   for (int i = 0; i < count; ++i) {
-    RodModel rod = makeUniformRod(kReferenceLength * (1 - 0.01 * i), kReferenceBending * (1 + i), kReferenceDensity, 12);
+    RodModel rod = makeUniformRod(kReferenceLength * (1 - 0.01 * i), kReferenceBending * (1 + i),
+                                  kReferenceDensity, 12);
     rod.root_H = {0.0002 * i, -0.0001 * i, 0};
     brush.rods.push_back(rod);
   }
@@ -294,7 +299,8 @@ TEST(Tuft, RodsDoNotKnowTheirNeighboursInABatch) {
       continue;
     }
     strokeHash(rods, 16, &among_others);
-    for (std::size_t node = 0; node < alone.size(); ++node) EXPECT_EQ(alone[node], among_others[node]) << kernel;
+    for (std::size_t node = 0; node < alone.size(); ++node)
+      EXPECT_EQ(alone[node], among_others[node]) << kernel;
   }
 }
 

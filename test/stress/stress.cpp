@@ -1,4 +1,5 @@
-// Stress of the rods' step: a cell a line, over time steps, stiffness, nodes, friction, schemes and motions.
+// Stress of the rods' step: a cell a line, over time steps, stiffness, nodes, friction, schemes and
+// motions.
 //   stress          a selection, seconds
 //   stress --long   all of them, minutes
 // Prints every cell that fails, a table of counts, and exits with their number (at most 100).
@@ -31,25 +32,44 @@ struct Result {
   double unconverged_part() const { return rod_steps ? double(unconverged) / double(rod_steps) : 0.0; }
 };
 
-double ramp(double t, double begin, double length) { return std::clamp((t - begin) / length, 0.0, 1.0); }
+double ramp(double t, double begin, double length) {
+  return std::clamp((t - begin) / length, 0.0, 1.0);
+}
 
 /// Handle poses over time [s], for a tip of kReferenceLength.
 const std::map<std::string, std::function<Eigen::Isometry3d(double, double)>>& motions() {
   static const double L = kReferenceLength;
   static const std::map<std::string, std::function<Eigen::Isometry3d(double, double)>> all{
       // 20 mm into the sheet in 20 ms, then 100 mm in 0.1 s.
-      {"slam", [](double t, double) { return handleAt({0.1 * ramp(t, 0.04, 0.1), 0, L + 0.002 - 0.022 * ramp(t, 0, 0.02)}, 0.2); }},
+      {"slam",
+       [](double t, double) {
+         return handleAt({0.1 * ramp(t, 0.04, 0.1), 0, L + 0.002 - 0.022 * ramp(t, 0, 0.02)}, 0.2);
+       }},
       // Pressed flat and folded, then dragged backwards over itself.
-      {"fold", [](double t, double) { return handleAt({0.06 * ramp(t, 0.1, 0.05) - 0.12 * ramp(t, 0.15, 0.05), 0, L - 0.042 * ramp(t, 0, 0.08)}, 0.3); }},
+      {"fold",
+       [](double t, double) {
+         return handleAt(
+             {0.06 * ramp(t, 0.1, 0.05) - 0.12 * ramp(t, 0.15, 0.05), 0, L - 0.042 * ramp(t, 0, 0.08)},
+             0.3);
+       }},
       // Shaken at the highest frequency that the steps can show.
-      {"shake", [](double t, double h) { return handleAt({0.001 * (std::llround(t / h) % 2 ? 1 : -1), 0, L - 0.008}, 0.2); }},
-      {"spin", [](double t, double) {
+      {"shake",
+       [](double t, double h) {
+         return handleAt({0.001 * (std::llround(t / h) % 2 ? 1 : -1), 0, L - 0.008}, 0.2);
+       }},
+      {"spin",
+       [](double t, double) {
          Eigen::Isometry3d X = handleAt({0, 0, L - 0.01}, 0.4);
-         X.linear() = Eigen::AngleAxisd(40 * t, Eigen::Vector3d::UnitZ()).toRotationMatrix() * X.linear();
+         X.linear() =
+             Eigen::AngleAxisd(40 * t, Eigen::Vector3d::UnitZ()).toRotationMatrix() * X.linear();
          return X;
        }},
       // Thrown about: 50 mm and half a turn from one step to the next.
-      {"jump", [](double t, double) { return handleAt({t > 0.05 ? 0.05 : 0, 0, L - 0.01 + (t > 0.1 ? 0.03 : 0)}, t > 0.15 ? 3.0 : 0.1); }},
+      {"jump",
+       [](double t, double) {
+         return handleAt({t > 0.05 ? 0.05 : 0, 0, L - 0.01 + (t > 0.1 ? 0.03 : 0)},
+                         t > 0.15 ? 3.0 : 0.1);
+       }},
   };
   return all;
 }
@@ -75,7 +95,8 @@ Result run(const Cell& cell) {
   Result result;
   tuft->place(motion(0, h));
   std::vector<std::vector<Eigen::Vector3d>> before(brush.rods.size()), now(brush.rods.size());
-  for (int rod = 0; rod < static_cast<int>(now.size()); ++rod) tuft->readRod(rod, before[static_cast<std::size_t>(rod)]);
+  for (int rod = 0; rod < static_cast<int>(now.size()); ++rod)
+    tuft->readRod(rod, before[static_cast<std::size_t>(rod)]);
   for (int step = 1; step * h <= 0.25; ++step) {
     const TuftReport report = tuft->step(motion(step * h, h));
     result.unconverged += report.unconverged;
@@ -88,7 +109,8 @@ Result run(const Cell& cell) {
         result.max_speed = std::max(result.max_speed, (x - before[rod][node]).norm() / h);
         if (node > 0) {
           result.max_penetration = std::max(result.max_penetration, -x.z());
-          result.max_stretch = std::max(result.max_stretch, std::abs((x - now[rod][node - 1]).norm() / edge - 1));
+          result.max_stretch =
+              std::max(result.max_stretch, std::abs((x - now[rod][node - 1]).norm() / edge - 1));
         }
       }
       before[rod].swap(now[rod]);
@@ -101,7 +123,8 @@ Result run(const Cell& cell) {
 /// What every cell must keep. A handle that is thrown 50 mm in a step takes its tip along.
 std::string verdict(const Cell& cell, const Result& r) {
   if (!r.finite) return "not finite";
-  const double fastest = cell.motion == "jump" ? 4 * (0.05 + kReferenceLength) / cell.time_step : 60.0 + 0.01 / cell.time_step;
+  const double fastest = cell.motion == "jump" ? 4 * (0.05 + kReferenceLength) / cell.time_step
+                                               : 60.0 + 0.01 / cell.time_step;
   if (r.max_speed > fastest) return "too fast";
   if (r.max_stretch > (cell.precision == "float" ? 1e-4 : 1e-10)) return "stretched";
   if (cell.motion != "jump" && r.max_penetration > 0.005) return "through the sheet";
@@ -116,12 +139,16 @@ int main(int argc, char** argv) {
     std::fprintf(stderr, "usage: stress [--long]\n");
     return 1;
   }
-  const std::vector<double> steps = all ? std::vector<double>{5e-5, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2} : std::vector<double>{2e-4, 1e-3, 1e-2};
-  const std::vector<double> scales = all ? std::vector<double>{1e-3, 1e-2, 0.1, 1, 10, 100, 1e3} : std::vector<double>{1e-3, 1, 1e3};
-  const std::vector<double> frictions = all ? std::vector<double>{0, 0.3, 1, 5} : std::vector<double>{0, 0.3, 5};
+  const std::vector<double> steps = all ? std::vector<double>{5e-5, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2}
+                                        : std::vector<double>{2e-4, 1e-3, 1e-2};
+  const std::vector<double> scales =
+      all ? std::vector<double>{1e-3, 1e-2, 0.1, 1, 10, 100, 1e3} : std::vector<double>{1e-3, 1, 1e3};
+  const std::vector<double> frictions =
+      all ? std::vector<double>{0, 0.3, 1, 5} : std::vector<double>{0, 0.3, 5};
   const std::vector<int> nodes = all ? std::vector<int>{3, 8, 16, 64, 200} : std::vector<int>{3, 16, 64};
   int cells = 0, failed = 0;
-  std::printf("%-8s %-16s %-7s %6s %7s %6s %11s %10s %9s %s\n", "motion", "scheme", "", "cells", "failed", "", "unconverged", "penetr. mm", "speed m/s", "");
+  std::printf("%-8s %-16s %-7s %6s %7s %6s %11s %10s %9s %s\n", "motion", "scheme", "", "cells",
+              "failed", "", "unconverged", "penetr. mm", "speed m/s", "");
   for (const auto& [motion, _] : motions())
     for (const char* scheme : {"bdf2", "backward_euler", "sdirk2"})
       for (const char* precision : {"float", "double"}) {
@@ -143,12 +170,16 @@ int main(int argc, char** argv) {
                 fastest = std::max(fastest, r.max_speed);
                 if (problem.empty()) continue;
                 ++bad;
-                std::printf("FAILED %s: %s %s %s h=%g stiffness x%g mu=%g n=%d: speed %.3g m/s, penetration %.3g m, stretch %.2g, unconverged %.2g\n",
-                            problem.c_str(), motion.c_str(), scheme, precision, time_step, scale, friction, node_count,
-                            r.max_speed, r.max_penetration, r.max_stretch, r.unconverged_part());
+                std::printf(
+                    "FAILED %s: %s %s %s h=%g stiffness x%g mu=%g n=%d: speed %.3g m/s, penetration "
+                    "%.3g m, stretch %.2g, unconverged %.2g\n",
+                    problem.c_str(), motion.c_str(), scheme, precision, time_step, scale, friction,
+                    node_count, r.max_speed, r.max_penetration, r.max_stretch, r.unconverged_part());
               }
-        std::printf("%-8s %-16s %-7s %6d %7d %6s %10.4f%% %10.3f %9.1f\n", motion.c_str(), scheme, precision, here, bad, "",
-                    100.0 * double(unconverged) / double(std::max(1L, rod_steps)), 1e3 * deepest, fastest);
+        std::printf("%-8s %-16s %-7s %6d %7d %6s %10.4f%% %10.3f %9.1f\n", motion.c_str(), scheme,
+                    precision, here, bad, "",
+                    100.0 * double(unconverged) / double(std::max(1L, rod_steps)), 1e3 * deepest,
+                    fastest);
         cells += here;
         failed += bad;
       }

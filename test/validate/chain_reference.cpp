@@ -45,7 +45,8 @@ class Motion {
     // Tensions λ, which keep each link's length: (a_{e+1} − a_e)·t_e = −l ω_e².
     const auto cosine = [&](std::size_t a, std::size_t b) { return c_[a] * c_[b] + s_[a] * s_[b]; };
     for (std::size_t e = 0; e < m; ++e) {
-      const double inverse_left = e > 0 ? 1 / chain_.mass[e] : 0.0, inverse_right = 1 / chain_.mass[e + 1];
+      const double inverse_left = e > 0 ? 1 / chain_.mass[e] : 0.0,
+                   inverse_right = 1 / chain_.mass[e + 1];
       const double w = state[m + e];
       double b = l * w * w + (fx_[e + 1] - fx_[e]) * c_[e] + (fz_[e + 1] - fz_[e]) * s_[e];
       double d = inverse_left + inverse_right;
@@ -89,8 +90,9 @@ std::vector<TipAt> solvePlanarChain(const PlanarChain& chain, const std::vector<
   // as pendulums are slower than sqrt(n g/l).
   double fastest_squared = static_cast<double>(m) * chain.gravity / chain.link;
   for (std::size_t j = 0; j < m; ++j)
-    fastest_squared = std::max(
-        fastest_squared, 16 * chain.joint[j] / (chain.mass[j + (j + 1 < m ? 1 : 0)] * chain.link * chain.link));
+    fastest_squared =
+        std::max(fastest_squared,
+                 16 * chain.joint[j] / (chain.mass[j + (j + 1 < m ? 1 : 0)] * chain.link * chain.link));
   const double longest = 0.4 / std::sqrt(fastest_squared);
   if (!times.empty() && static_cast<double>(m) * times.back() / longest > 3e8) return {};
 

@@ -138,7 +138,8 @@ PressResult drag(const DragParameters& p) {
   const auto pose = [&](double s) {
     return pressed.pose(p.depth, 0, p.direction * p.distance * PressedRod::part(s));
   };
-  for (int step = 1; step <= kLoweringSteps; ++step) pressed.rod().step(pose(static_cast<double>(step) / kLoweringSteps));
+  for (int step = 1; step <= kLoweringSteps; ++step)
+    pressed.rod().step(pose(static_cast<double>(step) / kLoweringSteps));
   return pressed.result(pressed.rod().rest(pose(1), 20000), p.direction < 0 ? "drag-x" : "drag+x");
 }
 
@@ -166,8 +167,9 @@ StickSlipResult stickSlip(const StickSlipParameters& p) {
     if (buckled && ratio >= (1 - 1e-9) * p.mu) {
       const double rate = (now.depth - before.depth) / (now.ratio - before.ratio);
       result.slip_depth = std::min(now.depth + rate * (p.mu - now.ratio), depth);
-      result.normal_force_before =
-          now.normal + (now.normal - before.normal) * (result.slip_depth - now.depth) / (now.depth - before.depth);
+      result.normal_force_before = now.normal + (now.normal - before.normal) *
+                                                    (result.slip_depth - now.depth) /
+                                                    (now.depth - before.depth);
       return false;
     }
     before = now;

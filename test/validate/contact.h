@@ -33,9 +33,11 @@ struct PressResult : SceneResult {
     visit("tangential_force", self.tangential_force, "B/L^2", "Force of the sheet on the rod along +x.");
     visit("tip_offset", self.tip_offset, "L", "Tip from the handle along +x.");
     visit("flat_length", self.flat_length, "L",
-          "Rod that lies on the sheet, ending at the centre of what the sheet pushes beyond carrying weight.");
+          "Rod that lies on the sheet, ending at the centre of what the sheet pushes beyond carrying "
+          "weight.");
     visit("out_of_plane", self.out_of_plane, "L", "Largest distance of a node from the plane y = 0.");
-    visit("state", self.state, "", "stick, slip (in drag: drag-x or drag+x), or free where nothing touches.");
+    visit("state", self.state, "",
+          "stick, slip (in drag: drag-x or drag+x), or free where nothing touches.");
     SceneResult::describe(self, visit);
   }
 };

@@ -151,7 +151,8 @@ TEST(StickSlip, SlipsWhereTheContinuousRodDoes) {
     const StickSlipResult result = stickSlip(p);
     EXPECT_TRUE(result.converged);
     EXPECT_NEAR(result.slip_depth, row.at("slip_depth"), 0.01 * row.at("slip_depth"));
-    EXPECT_NEAR(result.normal_force_before, row.at("normal_force_before"), 0.01 * row.at("normal_force_before"));
+    EXPECT_NEAR(result.normal_force_before, row.at("normal_force_before"),
+                0.01 * row.at("normal_force_before"));
   }
 }
 

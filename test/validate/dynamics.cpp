@@ -20,7 +20,8 @@ class TipTrack {
   TipAt at(double time) const {
     const int count = static_cast<int>(points_.size());
     const int used = std::min(4, count);
-    const int first = std::max(0, std::min(static_cast<int>(std::floor(time / dt_ + 1e-9)) - 1, count - used));
+    const int first =
+        std::max(0, std::min(static_cast<int>(std::floor(time / dt_ + 1e-9)) - 1, count - used));
     Eigen::Vector3d sum = Eigen::Vector3d::Zero();
     for (int i = first; i < first + used; ++i) {
       double weight = 1;
@@ -36,7 +37,9 @@ class TipTrack {
   std::vector<Eigen::Vector3d> points_;
 };
 
-int stepCount(double duration, double dt) { return static_cast<int>(std::ceil(duration / dt - 1e-9)); }
+int stepCount(double duration, double dt) {
+  return static_cast<int>(std::ceil(duration / dt - 1e-9));
+}
 
 }  // namespace
 
@@ -81,7 +84,8 @@ ModesResult modes(const ModesParameters& p) {
   Eigen::MatrixXd flexibility = way * load.cwiseInverse().asDiagonal();
   flexibility = (0.5 * (flexibility + flexibility.transpose())).eval();
   Eigen::VectorXd root_mass(free_nodes);
-  for (int i = 0; i < free_nodes; ++i) root_mass[i] = std::sqrt(rod.node_mass[static_cast<std::size_t>(i + 1)]);
+  for (int i = 0; i < free_nodes; ++i)
+    root_mass[i] = std::sqrt(rod.node_mass[static_cast<std::size_t>(i + 1)]);
   const Eigen::MatrixXd dynamic = root_mass.asDiagonal() * flexibility * root_mass.asDiagonal();
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(dynamic, Eigen::EigenvaluesOnly);
   const double unit = std::sqrt(p.bending / p.line_density) / (p.length * p.length) / (2 * kPi);
@@ -105,7 +109,8 @@ ReleaseResult release(const ReleaseParameters& p) {
   }
 
   std::vector<double> times;
-  for (const double time : {0.005, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.08, 0.1, 0.15, 0.2, 0.3, 0.5, 1.0})
+  for (const double time :
+       {0.005, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.08, 0.1, 0.15, 0.2, 0.3, 0.5, 1.0})
     if (time < p.duration) times.push_back(time);
   times.push_back(p.duration);
 
@@ -162,10 +167,12 @@ ChainResult chain(const ChainParameters& p) {
   for (const double time : {0.1, 0.5, 1.0}) result.tip.push_back(track.at(time));
   // Velocities as the scheme defines them. At the start there was neither height nor speed.
   for (std::size_t i = 0; i < now.size(); ++i) {
-    const Eigen::Vector3d velocity = p.scheme == "bdf2"
-                                         ? Eigen::Vector3d((1.5 * now[i] - 2 * before[i] + 0.5 * before_that[i]) / p.dt)
-                                         : Eigen::Vector3d((now[i] - before[i]) / p.dt);
-    result.energy_drift += node_mass * (0.5 * velocity.squaredNorm() / kStandardGravity + now[i].z()) / length;
+    const Eigen::Vector3d velocity =
+        p.scheme == "bdf2"
+            ? Eigen::Vector3d((1.5 * now[i] - 2 * before[i] + 0.5 * before_that[i]) / p.dt)
+            : Eigen::Vector3d((now[i] - before[i]) / p.dt);
+    result.energy_drift +=
+        node_mass * (0.5 * velocity.squaredNorm() / kStandardGravity + now[i].z()) / length;
   }
   result.converged = rod.allSolved();
   result.iterations = rod.iterations();
@@ -177,12 +184,14 @@ SlamResult slam(const SlamParameters& p) {
   rods.time_step = p.dt;
   rods.scheme = p.scheme;
   rods.precision = p.precision;
-  SingleRod rod(makeUniformRod(kReferenceLength, kReferenceBending * p.stiffness_scale, kReferenceDensity, p.nodes), rods,
-                ContactParameters{});
+  SingleRod rod(makeUniformRod(kReferenceLength, kReferenceBending * p.stiffness_scale,
+                               kReferenceDensity, p.nodes),
+                rods, ContactParameters{});
   const auto pose = [](double time) {
     const double down = std::min(1.0, time / 0.02);
     const double along = std::max(0.0, std::min(1.0, (time - 0.02) / 0.1));
-    return handleAt({0.1 * along, 0, kReferenceLength + 0.001 - 0.02 * down}, (-5 + 75 * along) * kPi / 180);
+    return handleAt({0.1 * along, 0, kReferenceLength + 0.001 - 0.02 * down},
+                    (-5 + 75 * along) * kPi / 180);
   };
   const double edge = kReferenceLength / (p.nodes - 1);
 
@@ -198,15 +207,18 @@ SlamResult slam(const SlamParameters& p) {
     for (int node = 0; node < p.nodes; ++node) {
       const Eigen::Vector3d at = rod.node(node);
       result.finite = result.finite && at.allFinite();
-      result.max_speed = std::max(result.max_speed, (at - before[static_cast<std::size_t>(node)]).norm() / p.dt);
+      result.max_speed =
+          std::max(result.max_speed, (at - before[static_cast<std::size_t>(node)]).norm() / p.dt);
       result.max_penetration = std::max(result.max_penetration, -at.z());
       direction = at - last;
-      if (node > 0) result.max_stretch = std::max(result.max_stretch, std::abs(direction.norm() / edge - 1));
+      if (node > 0)
+        result.max_stretch = std::max(result.max_stretch, std::abs(direction.norm() / edge - 1));
       before[static_cast<std::size_t>(node)] = last = at;
     }
     const Eigen::Vector3d clamp = X.linear() * -Eigen::Vector3d::UnitZ();
     result.max_bend_deg =
-        std::max(result.max_bend_deg, std::atan2(clamp.cross(direction).norm(), clamp.dot(direction)) * 180 / kPi);
+        std::max(result.max_bend_deg,
+                 std::atan2(clamp.cross(direction).norm(), clamp.dot(direction)) * 180 / kPi);
   }
   result.converged = rod.allSolved();
   result.iterations = rod.iterations();

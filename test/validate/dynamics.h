@@ -45,7 +45,8 @@ struct ReleaseParameters : DynamicParameters, RodProperties {
 
   template <class Self, class Visit>
   static void describe(Self& self, Visit& visit) {
-    visit("damping", self.damping, Range{0.0, 1000.0}, "1/s", "Damping c of the force -c m v on a node.");
+    visit("damping", self.damping, Range{0.0, 1000.0}, "1/s",
+          "Damping c of the force -c m v on a node.");
     visit("duration", self.duration, Range{1e-3, 10.0}, "s", "How long it moves.");
     RodProperties::describe(self, visit);
     DynamicParameters::describe(self, visit);
@@ -58,9 +59,11 @@ struct ReleaseResult : SceneResult {
 
   template <class Self, class Visit>
   static void describe(Self& self, Visit& visit) {
-    visit("tip", self.tip, "s, m", "Tip at 5, 10, 20, 30, 40, 50, 60, 80, 100, 150, 200, 300, 500 ms, 1 s and the end.");
+    visit("tip", self.tip, "s, m",
+          "Tip at 5, 10, 20, 30, 40, 50, 60, 80, 100, 150, 200, 300, 500 ms, 1 s and the end.");
     visit("max_error", self.max_error, "m",
-          "Largest distance of these from the discrete rod's exact motion; null where that takes too long.");
+          "Largest distance of these from the discrete rod's exact motion; null where that takes too "
+          "long.");
     SceneResult::describe(self, visit);
   }
 };
@@ -80,7 +83,8 @@ struct ChainResult : SceneResult {
   template <class Self, class Visit>
   static void describe(Self& self, Visit& visit) {
     visit("tip", self.tip, "s, m", "Tip at 0.1, 0.5 and 1 s.");
-    visit("energy_drift", self.energy_drift, "1", "Energy at 1 s less that at 0, over weight times length.");
+    visit("energy_drift", self.energy_drift, "1",
+          "Energy at 1 s less that at 0, over weight times length.");
     SceneResult::describe(self, visit);
   }
 };
@@ -96,7 +100,8 @@ struct SlamParameters : DynamicParameters {
 
   template <class Self, class Visit>
   static void describe(Self& self, Visit& visit) {
-    visit("stiffness_scale", self.stiffness_scale, Range{1e-3, 1e3}, "1", "Factor on the rod's bending stiffness.");
+    visit("stiffness_scale", self.stiffness_scale, Range{1e-3, 1e3}, "1",
+          "Factor on the rod's bending stiffness.");
     DynamicParameters::describe(self, visit);
   }
 };
@@ -111,7 +116,8 @@ struct SlamResult : SceneResult {
     visit("max_speed", self.max_speed, "m/s", "Largest way of a node in a step, over dt.");
     visit("max_penetration", self.max_penetration, "m", "Deepest node below the sheet.");
     visit("max_stretch", self.max_stretch, "1", "Largest change of an edge's length over its length.");
-    visit("max_bend_deg", self.max_bend_deg, "deg", "Largest angle between the tip's edge and the clamp.");
+    visit("max_bend_deg", self.max_bend_deg, "deg",
+          "Largest angle between the tip's edge and the clamp.");
     SceneResult::describe(self, visit);
   }
 };

@@ -19,7 +19,8 @@ double distance(const TipAt& tip, const Row& row) {
 std::vector<Row> releaseRows(int nodes, double damping, double duration) {
   std::vector<Row> rows;
   for (const Row& row : readReference("release"))
-    if (row.at("nodes") == nodes && row.at("damping") == damping && row.at("t") <= duration) rows.push_back(row);
+    if (row.at("nodes") == nodes && row.at("damping") == damping && row.at("t") <= duration)
+      rows.push_back(row);
   return rows;
 }
 
@@ -72,7 +73,8 @@ TEST(PlanarChain, IsTheMotionOfTheReference) {
       for (const Row& row : rows) times.push_back(row.at("t"));
       const auto tips = solvePlanarChain(chain, times);
       for (std::size_t i = 0; i < rows.size(); ++i)
-        EXPECT_LT(distance(tips[i], rows[i]), 3e-9) << nodes << " damping " << damping << " t " << times[i];
+        EXPECT_LT(distance(tips[i], rows[i]), 3e-9)
+            << nodes << " damping " << damping << " t " << times[i];
     }
 }
 
@@ -170,7 +172,8 @@ TEST(Slam, StaysBounded) {
     for (const char* precision : {"float", "double"})
       for (const double stiffness_scale : {1e-3, 1.0, 1e3})
         for (const double dt : {5e-5, 1e-3, 1e-2}) {
-          SCOPED_TRACE(testing::Message() << scheme << " " << precision << " stiffness " << stiffness_scale << " dt " << dt);
+          SCOPED_TRACE(testing::Message() << scheme << " " << precision << " stiffness "
+                                          << stiffness_scale << " dt " << dt);
           SlamParameters p;
           p.stiffness_scale = stiffness_scale;
           p.dt = dt;

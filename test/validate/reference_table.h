@@ -25,8 +25,10 @@ inline std::vector<Row> readReference(const std::string& name) {
     Row row;
     std::size_t column = 0;
     for (std::string cell; std::getline(cells, cell, ','); ++column)
-      if (rows.empty() && columns.size() <= column) columns.push_back(cell);
-      else row[columns[column]] = std::stod(cell);
+      if (rows.empty() && columns.size() <= column)
+        columns.push_back(cell);
+      else
+        row[columns[column]] = std::stod(cell);
     if (!row.empty()) rows.push_back(row);
   }
   EXPECT_FALSE(rows.empty()) << name;

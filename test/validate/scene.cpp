@@ -30,21 +30,35 @@ void parse(const std::string& option, const std::string& text, int& field) {
   char* end = nullptr;
   errno = 0;
   const long value = std::strtol(text.c_str(), &end, 10);
-  const bool fits = errno == 0 && value >= std::numeric_limits<int>::min() && value <= std::numeric_limits<int>::max();
-  if (text.empty() || *end || !fits) throw std::invalid_argument(option + " = " + text + " is not a whole number");
+  const bool fits =
+      errno == 0 && value >= std::numeric_limits<int>::min() && value <= std::numeric_limits<int>::max();
+  if (text.empty() || *end || !fits)
+    throw std::invalid_argument(option + " = " + text + " is not a whole number");
   field = static_cast<int>(value);
 }
 
-void parse(const std::string&, const std::string& text, bool& field) { field = text == "true"; }
-void parse(const std::string&, const std::string& text, std::string& field) { field = text; }
+void parse(const std::string&, const std::string& text, bool& field) {
+  field = text == "true";
+}
+void parse(const std::string&, const std::string& text, std::string& field) {
+  field = text;
+}
 
 void write(std::ostream& out, double value) {
-  if (std::isfinite(value)) out << std::setprecision(15) << value;
-  else out << "null";
+  if (std::isfinite(value))
+    out << std::setprecision(15) << value;
+  else
+    out << "null";
 }
-void write(std::ostream& out, int value) { out << value; }
-void write(std::ostream& out, bool value) { out << (value ? "true" : "false"); }
-void write(std::ostream& out, const std::string& value) { out << '"' << value << '"'; }
+void write(std::ostream& out, int value) {
+  out << value;
+}
+void write(std::ostream& out, bool value) {
+  out << (value ? "true" : "false");
+}
+void write(std::ostream& out, const std::string& value) {
+  out << '"' << value << '"';
+}
 void write(std::ostream& out, const TipAt& value) {
   out << "{\"t\": ";
   write(out, value.t);
@@ -60,53 +74,73 @@ void write(std::ostream& out, const TipAt& value) {
 const std::vector<Scene>& scenes() {
   static const std::vector<Scene> all = {
       makeScene("heavy_cantilever", "A rod clamped at an angle bends under its weight.",
-                "The clamp turns from hanging to its angle, so slowly that the rod follows the equilibrium that is\n"
-                "continuous with hanging, and the rod comes to rest. At 180 degrees it stands upright, and from\n"
+                "The clamp turns from hanging to its angle, so slowly that the rod follows the "
+                "equilibrium that is\n"
+                "continuous with hanging, and the rod comes to rest. At 180 degrees it stands upright, "
+                "and from\n"
                 "gamma = 7.84 on has buckled towards +x.",
                 heavyCantilever),
       makeScene("tip_load", "A weightless horizontal cantilever bends under a force at its tip.",
-                "The load grows from zero and the rod comes to rest. A following load is turned with the last edge\n"
+                "The load grows from zero and the rod comes to rest. A following load is turned with "
+                "the last edge\n"
                 "after every step.",
                 tipLoad),
       makeScene("press", "A rod is lowered onto the sheet with its handle tilted from the vertical.",
-                "The handle goes straight down, slowly and ever more slowly, in a viscous medium, so that the tip\n"
-                "comes to rest from one side. The handle points towards +x. Without --plane it starts 1e-5 L beside\n"
-                "the plane y = 0, so that a shape that is not stable in space is left; with it nothing leaves the\n"
-                "plane. A vertical handle starts tilted by 0.001 rad, so that the rod buckles to a known side.",
+                "The handle goes straight down, slowly and ever more slowly, in a viscous medium, so "
+                "that the tip\n"
+                "comes to rest from one side. The handle points towards +x. Without --plane it starts "
+                "1e-5 L beside\n"
+                "the plane y = 0, so that a shape that is not stable in space is left; with it nothing "
+                "leaves the\n"
+                "plane. A vertical handle starts tilted by 0.001 rad, so that the rod buckles to a "
+                "known side.",
                 press),
       makeScene("drag", "As press, and then the handle is dragged along x at constant height.",
-                "It slows down towards the end of its way, so that what is left there is Coulomb friction and not\n"
+                "It slows down towards the end of its way, so that what is left there is Coulomb "
+                "friction and not\n"
                 "that of the medium. direction = -1 lets the hair trail.",
                 drag),
       makeScene("stick_slip", "A vertical rod is pressed onto its foot until the foot slips.",
-                "As press with --plane and no tilt. slip_depth is where |T|/N, extrapolated over the last steps\n"
+                "As press with --plane and no tilt. slip_depth is where |T|/N, extrapolated over the "
+                "last steps\n"
                 "before the foot slips, is mu; null where it never slips on the way to 0.4 L.",
                 stickSlip),
       makeScene("modes", "Frequencies of small vibrations of a clamped rod.",
-                "Each node in turn carries a small transverse force. The shapes that the rod comes to rest in are the\n"
-                "columns of its flexibility matrix; with the masses they give the frequencies. So they are those of\n"
+                "Each node in turn carries a small transverse force. The shapes that the rod comes to "
+                "rest in are the\n"
+                "columns of its flexibility matrix; with the masses they give the frequencies. So they "
+                "are those of\n"
                 "the energy that the solver minimises.",
                 modes),
-      makeScene("release", "A rod, clamped horizontally and straight at time 0, is let go under gravity.",
-                "max_error is the largest distance of the tip, at the times given, from an independent solution of the\n"
-                "same discrete rod: explicit Runge-Kutta in angles, with a step far below that of its fastest\n"
+      makeScene("release",
+                "A rod, clamped horizontally and straight at time 0, is let go under gravity.",
+                "max_error is the largest distance of the tip, at the times given, from an independent "
+                "solution of the\n"
+                "same discrete rod: explicit Runge-Kutta in angles, with a step far below that of its "
+                "fastest\n"
                 "vibration. Its cost grows with nodes to the third power.",
                 release),
-      makeScene("chain", "A horizontal chain of rigid links without bending stiffness is let go under gravity.",
-                "Length 1 m, mass 1 kg in equal parts on the nodes but the first, g = 9.81 m/s^2, no damping. Ten links\n"
+      makeScene("chain",
+                "A horizontal chain of rigid links without bending stiffness is let go under gravity.",
+                "Length 1 m, mass 1 kg in equal parts on the nodes but the first, g = 9.81 m/s^2, no "
+                "damping. Ten links\n"
                 "are 11 nodes.",
                 chain),
       makeScene("slide", "A block with a given speed slides on the sheet until friction has stopped it.",
-                "The block is the tip node of a rod. All other nodes weigh 1e-9 of it in all, the rod is so limp that it\n"
-                "pushes with less than 1e-8 of the weight, and its handle follows the tip, so that it is slack.\n"
+                "The block is the tip node of a rod. All other nodes weigh 1e-9 of it in all, the rod "
+                "is so limp that it\n"
+                "pushes with less than 1e-8 of the weight, and its handle follows the tip, so that it "
+                "is slack.\n"
                 "A blow of one time step gives the block its momentum.",
                 slide),
       makeScene("incline", "Whether a block slides down an inclined sheet.",
-                "The block of slide at rest on the sheet z = 0, with the gravity of the inclined plane: g cos(angle)\n"
+                "The block of slide at rest on the sheet z = 0, with the gravity of the inclined plane: "
+                "g cos(angle)\n"
                 "into the sheet, and as a force on the block m g sin(angle) along it. Over one second.",
                 incline),
       makeScene("slam", "The handle slams 20 mm into the sheet in 20 ms and drags 100 mm in 0.1 s.",
-                "The rod of the tables, with the settings that the node has by default. While dragging, the handle\n"
+                "The rod of the tables, with the settings that the node has by default. While dragging, "
+                "the handle\n"
                 "turns from -5 to 70 degrees against the hair, which bends it by more than 150 degrees.",
                 slam),
   };
@@ -114,7 +148,8 @@ const std::vector<Scene>& scenes() {
 }
 
 int runValidate(const std::vector<std::string>& arguments, std::ostream& output, std::ostream& error) {
-  const char* usage = "usage: validate SCENE [--name value ...] | validate SCENE --help | validate --list";
+  const char* usage =
+      "usage: validate SCENE [--name value ...] | validate SCENE --help | validate --list";
   if (arguments.empty() || arguments[0] == "--help") {
     (arguments.empty() ? error : output) << usage << "\n";
     return arguments.empty() ? 1 : 0;

@@ -41,7 +41,8 @@ struct DynamicParameters : SceneParameters {
   static void describe(Self& self, Visit& visit) {
     visit("dt", self.dt, Range{Self::kLeastStep, 0.1}, "s", "Time step.");
     visit("scheme", self.scheme, Self::schemes(), "1",
-          "Time integration, as of the node; with projection nothing truly sticks, and dt has to be near 0.1 ms.");
+          "Time integration, as of the node; with projection nothing truly sticks, and dt has to be "
+          "near 0.1 ms.");
     SceneParameters::describe(self, visit);
   }
 };
@@ -54,7 +55,8 @@ struct SceneResult {
   template <class Self, class Visit>
   static void describe(Self& self, Visit& visit) {
     visit("converged", self.converged, "",
-          "Static scenes: came to rest, in double with every step at rest solved; others: every step solved.");
+          "Static scenes: came to rest, in double with every step at rest solved; others: every step "
+          "solved.");
     visit("iterations", self.iterations, "1", "Newton iterations of all steps.");
   }
 };
@@ -116,20 +118,22 @@ void write(std::ostream& out, const std::vector<Element>& list) {
 
 /// Sets the field that `name` names from `text`; false if there is none. A flag needs no text.
 template <class Parameters>
-bool setField(Parameters& parameters, const std::string& name, const std::string* text, bool& used_text) {
+bool setField(Parameters& parameters, const std::string& name, const std::string* text,
+              bool& used_text) {
   bool found = false;
-  visitParameters(parameters, [&](const std::string& full_name, auto& field, const auto&, const char*, const char*) {
-    if (toOption(full_name) != name) return;
-    found = true;
-    if constexpr (std::is_same_v<std::decay_t<decltype(field)>, bool>) {
-      used_text = text && (*text == "true" || *text == "false");
-      parse(name, used_text ? *text : "true", field);
-    } else {
-      if (!text) throw std::invalid_argument(name + " needs a value");
-      used_text = true;
-      parse(name, *text, field);
-    }
-  });
+  visitParameters(parameters,
+                  [&](const std::string& full_name, auto& field, const auto&, const char*, const char*) {
+                    if (toOption(full_name) != name) return;
+                    found = true;
+                    if constexpr (std::is_same_v<std::decay_t<decltype(field)>, bool>) {
+                      used_text = text && (*text == "true" || *text == "false");
+                      parse(name, used_text ? *text : "true", field);
+                    } else {
+                      if (!text) throw std::invalid_argument(name + " needs a value");
+                      used_text = true;
+                      parse(name, *text, field);
+                    }
+                  });
   return found;
 }
 
@@ -142,17 +146,22 @@ Parameters parseArguments(const std::vector<std::string>& arguments) {
     const std::string name = argument.substr(0, equals);
     const std::string adjacent = equals == std::string::npos ? "" : argument.substr(equals + 1);
     const std::string* text = nullptr;
-    if (equals != std::string::npos) text = &adjacent;
-    else if (i + 1 < arguments.size() && arguments[i + 1].rfind("--", 0) != 0) text = &arguments[i + 1];
+    if (equals != std::string::npos)
+      text = &adjacent;
+    else if (i + 1 < arguments.size() && arguments[i + 1].rfind("--", 0) != 0)
+      text = &arguments[i + 1];
     bool used_text = false;
-    if (!setField(parameters, name, text, used_text)) throw std::invalid_argument("unknown argument " + name);
-    if (equals != std::string::npos && !used_text) throw std::invalid_argument(argument + ": not true or false");
+    if (!setField(parameters, name, text, used_text))
+      throw std::invalid_argument("unknown argument " + name);
+    if (equals != std::string::npos && !used_text)
+      throw std::invalid_argument(argument + ": not true or false");
     if (equals == std::string::npos && used_text) ++i;
   }
   std::string problems;
   for (const std::string& problem : findParameterProblems(parameters)) {
     const auto space = problem.find(' ');
-    problems += (problems.empty() ? "" : "; ") + toOption(problem.substr(0, space)) + problem.substr(space);
+    problems +=
+        (problems.empty() ? "" : "; ") + toOption(problem.substr(0, space)) + problem.substr(space);
   }
   if (!problems.empty()) throw std::invalid_argument(problems);
   return parameters;
@@ -164,11 +173,12 @@ std::string help(const Scene& scene) {
   out << scene.name << ": " << scene.summary << "\n\n" << scene.explanation << "\n\nArguments:\n";
   const Parameters defaults;
   for (const ParameterRow& row : listParameters(defaults))
-    out << "  " << toOption(row.name) << " " << row.range << (row.unit == "1" ? "" : " " + row.unit) << ", default "
-        << row.value << "\n      " << row.description << "\n";
+    out << "  " << toOption(row.name) << " " << row.range << (row.unit == "1" ? "" : " " + row.unit)
+        << ", default " << row.value << "\n      " << row.description << "\n";
   out << "\nResults:\n";
   const auto print = [&out](const char* name, const auto&, const char* unit, const char* description) {
-    out << "  " << name << (*unit ? std::string(" [") + unit + "]" : "") << "\n      " << description << "\n";
+    out << "  " << name << (*unit ? std::string(" [") + unit + "]" : "") << "\n      " << description
+        << "\n";
   };
   const Result result;
   Result::describe(result, print);

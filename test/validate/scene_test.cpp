@@ -22,7 +22,9 @@ struct Invocation {
   std::string output, error;
 };
 
-bool contains(const std::string& text, const std::string& part) { return text.find(part) != std::string::npos; }
+bool contains(const std::string& text, const std::string& part) {
+  return text.find(part) != std::string::npos;
+}
 
 }  // namespace
 
@@ -48,7 +50,8 @@ TEST(Validate, WritesNullForWhatIsNoNumber) {
 
 TEST(Validate, TakesFlagsWithAndWithoutAValue) {
   const std::vector<std::string> follower{"tip_load", "--follower", "--beta", "2"},
-      follower_true{"tip_load", "--follower", "true", "--beta", "2"}, dead{"tip_load", "--follower=false", "--beta", "2"};
+      follower_true{"tip_load", "--follower", "true", "--beta", "2"},
+      dead{"tip_load", "--follower=false", "--beta", "2"};
   EXPECT_EQ(Invocation(follower).output, Invocation(follower_true).output);
   EXPECT_NE(Invocation(follower).output, Invocation(dead).output);
 }

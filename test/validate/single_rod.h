@@ -29,7 +29,8 @@ inline Eigen::Isometry3d handleAt(const Eigen::Vector3d& position, double angle)
 }
 
 /// Settings for accuracy: solved to rounding.
-inline RodParameters exactRods(double time_step, const std::string& scheme, const std::string& precision) {
+inline RodParameters exactRods(double time_step, const std::string& scheme,
+                               const std::string& precision) {
   RodParameters rods;
   rods.time_step = time_step;
   rods.scheme = scheme;

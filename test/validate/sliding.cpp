@@ -58,7 +58,8 @@ class Block {
   /// Beside and above where the block goes if it goes on so: from taut (0) to slack by a tenth (1), and
   /// inclined, so that the rod gives way to a side.
   Eigen::Isometry3d handle(double slack) const {
-    const double aside = (0.5 - 0.1 * slack) * length_, height = (std::sqrt(0.75) - 0.06 * slack) * length_;
+    const double aside = (0.5 - 0.1 * slack) * length_,
+                 height = (std::sqrt(0.75) - 0.06 * slack) * length_;
     return handleAt({2 * position_ - before_ - aside, 0, height}, kPi / 6);
   }
 

@@ -18,7 +18,8 @@ TEST(Slide, StopsWhereCoulombSaysToTheOrderOfTheStep) {
     for (const double speed : {0.05, 0.3, 2.0})
       for (const double mu : {0.1, 0.35, 1.0, 3.0})
         for (const double dt : {1e-3, 1e-4}) {
-          SCOPED_TRACE(testing::Message() << scheme << " speed " << speed << " mu " << mu << " dt " << dt);
+          SCOPED_TRACE(testing::Message()
+                       << scheme << " speed " << speed << " mu " << mu << " dt " << dt);
           SlideParameters p;
           p.speed = speed;
           p.mu = mu;
@@ -61,6 +62,7 @@ TEST(Incline, SlidesAsFastAsCoulombSays) {
         p.angle_deg = std::atan(mu) * 180 / kPi + excess_deg;
         const double angle = p.angle_deg * kPi / 180;
         const double acceleration = kGravity * (std::sin(angle) - mu * std::cos(angle));
-        EXPECT_NEAR(incline(p).distance, 0.5 * acceleration, 0.002 * acceleration) << scheme << mu << excess_deg;
+        EXPECT_NEAR(incline(p).distance, 0.5 * acceleration, 0.002 * acceleration)
+            << scheme << mu << excess_deg;
       }
 }

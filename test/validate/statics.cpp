@@ -31,7 +31,8 @@ HeavyCantileverResult heavyCantilever(const HeavyCantileverParameters& p) {
   result.tip_x = rod.tip().x() / length;
   result.tip_z = rod.tip().z() / length;
   // Straight down or up, the width is rounding.
-  result.height_over_width = std::abs(result.tip_x) > 1e-9 ? std::abs(result.tip_z) / result.tip_x : kNone;
+  result.height_over_width =
+      std::abs(result.tip_x) > 1e-9 ? std::abs(result.tip_z) / result.tip_x : kNone;
   return result;
 }
 

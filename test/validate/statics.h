@@ -51,7 +51,8 @@ struct TipLoadResult : SceneResult {
   static void describe(Self& self, Visit& visit) {
     visit("tip_x", self.tip_x, "L", "Tip from the clamp, horizontally.");
     visit("drop", self.drop, "L", "Tip below the clamp.");
-    visit("tip_angle_deg", self.tip_angle_deg, "deg", "How far the last edge has turned from the clamp direction.");
+    visit("tip_angle_deg", self.tip_angle_deg, "deg",
+          "How far the last edge has turned from the clamp direction.");
     SceneResult::describe(self, visit);
   }
 };

@@ -41,7 +41,8 @@ Backwards solveFromTip(const TipLoadParameters& p, double tip_angle) {
     // 2 K t (1 + t²) = moment, t = tan(turn/2)
     const double stiffness = 1.0 / (edge == 0 ? 0.5 * h : h);
     double t = 0;
-    for (int i = 0; i < 100; ++i) t -= (2 * stiffness * t * (1 + t * t) - moment) / (2 * stiffness * (1 + 3 * t * t));
+    for (int i = 0; i < 100; ++i)
+      t -= (2 * stiffness * t * (1 + t * t) - moment) / (2 * stiffness * (1 + 3 * t * t));
     angle -= 2 * std::atan(t);
   }
   return {angle, -x, -z};
@@ -53,8 +54,8 @@ TEST(HeavyCantilever, IsTheMinimiserOfTheDiscreteEnergy) {
   for (const Row& row : readReference("heavy_cantilever_discrete")) {
     const HeavyCantileverResult result = solve(row, static_cast<int>(row.at("nodes")));
     EXPECT_TRUE(result.converged);
-    EXPECT_LT(tipError(result, row), 1e-8)
-        << "gamma " << row.at("gamma") << " angle " << row.at("clamp_angle_deg") << " nodes " << row.at("nodes");
+    EXPECT_LT(tipError(result, row), 1e-8) << "gamma " << row.at("gamma") << " angle "
+                                           << row.at("clamp_angle_deg") << " nodes " << row.at("nodes");
   }
 }
 
@@ -99,7 +100,8 @@ TEST(TipLoad, IsTheEquilibriumOfTheDiscreteRod) {
   for (const bool follower : {false, true})
     for (const double beta : {0.1, 0.7, 2.0, 4.4, 9.0, 13.0, 20.0})
       for (const int nodes : {10, 33}) {
-        SCOPED_TRACE(testing::Message() << "beta " << beta << " follower " << follower << " nodes " << nodes);
+        SCOPED_TRACE(testing::Message()
+                     << "beta " << beta << " follower " << follower << " nodes " << nodes);
         TipLoadParameters p;
         p.beta = beta;
         p.follower = follower;

@@ -13,9 +13,9 @@ namespace calligraphy_brush {
 /// sum of its hairs'. The rod is straight and isotropic and its end is free, unless the fields
 /// below say otherwise; only then does its twist matter.
 struct RodModel {
-  double length = 0.0;                                       ///< [m]
-  Eigen::Vector3d root_H = Eigen::Vector3d::Zero();          ///< node 0 in the handle frame [m]
-  Eigen::Vector3d direction_H = -Eigen::Vector3d::UnitZ();   ///< clamp direction, unit, handle frame
+  double length = 0.0;                                      ///< [m]
+  Eigen::Vector3d root_H = Eigen::Vector3d::Zero();         ///< node 0 in the handle frame [m]
+  Eigen::Vector3d direction_H = -Eigen::Vector3d::UnitZ();  ///< clamp direction, unit, handle frame
   std::vector<double> bending_stiffness;  ///< EI at nodes 0 .. n − 2 [N m²], n − 1 values
   std::vector<double> node_mass;          ///< [kg], n values
   std::vector<double> node_radius;        ///< radius of the bundle there [m], n values

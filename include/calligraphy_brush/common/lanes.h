@@ -111,16 +111,21 @@ CALLIGRAPHY_INLINE bool any(Mask mask) {
   for (std::size_t lane = 0; lane < sizeof(Mask) / sizeof(mask[0]); ++lane) result |= mask[lane] != 0;
   return result;
 }
-CALLIGRAPHY_INLINE bool any(bool mask) { return mask; }
+CALLIGRAPHY_INLINE bool any(bool mask) {
+  return mask;
+}
 
-CALLIGRAPHY_INLINE float sqrt(float x) { return __builtin_sqrtf(x); }
-CALLIGRAPHY_INLINE double sqrt(double x) { return __builtin_sqrt(x); }
+CALLIGRAPHY_INLINE float sqrt(float x) {
+  return __builtin_sqrtf(x);
+}
+CALLIGRAPHY_INLINE double sqrt(double x) {
+  return __builtin_sqrt(x);
+}
 template <class V>
 CALLIGRAPHY_INLINE V sqrt(V x) {
 #if defined(__AVX512F__)
   // Masked with all lanes: GCC 12 warns of its own unmasked form.
-  if constexpr (sizeof(V) == 64 && sizeof(x[0]) == 4)
-    return (V)_mm512_maskz_sqrt_ps(0xffff, (__m512)x);
+  if constexpr (sizeof(V) == 64 && sizeof(x[0]) == 4) return (V)_mm512_maskz_sqrt_ps(0xffff, (__m512)x);
   if constexpr (sizeof(V) == 64 && sizeof(x[0]) == 8) return (V)_mm512_maskz_sqrt_pd(0xff, (__m512d)x);
 #endif
 #if defined(__AVX2__)

@@ -10,28 +10,30 @@ namespace calligraphy_brush {
 /// Contact of the nodes of one batch of rods with the sheet z = 0; arrays as in the batch.
 template <class Real>
 struct PaperContactState {
-  Real friction = 0;                ///< Coulomb coefficient µ
-  AlignedVector<Real> stiffness;    ///< k of the augmented Lagrangian [N/m], [node][lane]
-  AlignedVector<Real> multiplier;   ///< −x, −y: friction; z: normal force [N], [node][3][lane]
-  AlignedVector<Real> offset;       ///< way of a sticking node from where it stuck [m], [node][2][lane]
-  AlignedVector<Real> force;        ///< of the sheet on the node in the last step [N], [node][3][lane]
+  Real friction = 0;               ///< Coulomb coefficient µ
+  AlignedVector<Real> stiffness;   ///< k of the augmented Lagrangian [N/m], [node][lane]
+  AlignedVector<Real> multiplier;  ///< −x, −y: friction; z: normal force [N], [node][3][lane]
+  AlignedVector<Real> offset;      ///< way of a sticking node from where it stuck [m], [node][2][lane]
+  AlignedVector<Real> force;       ///< of the sheet on the node in the last step [N], [node][3][lane]
 
   /// Whether the lanes from this one on, as far as a kernel takes them together, touch: [lane]. Where
   /// they do not, all of the above is zero.
   std::vector<char> engaged;
 
   // Scratch of a step.
-  AlignedVector<Real> slip;         ///< offset at the end of the step [m], [node][2][lane]
-  AlignedVector<Real> hessian;      ///< xx, xy, yy, zz [N/m], [node][4][lane]
-  AlignedVector<Real> piece;        ///< which piece of the potential each node is on, [node][lane]
-  std::vector<char> near;           ///< nodes that had a contact term in the last pass, [node]
+  AlignedVector<Real> slip;     ///< offset at the end of the step [m], [node][2][lane]
+  AlignedVector<Real> hessian;  ///< xx, xy, yy, zz [N/m], [node][4][lane]
+  AlignedVector<Real> piece;    ///< which piece of the potential each node is on, [node][lane]
+  std::vector<char> near;       ///< nodes that had a contact term in the last pass, [node]
 };
 
 /// Sizes every array, with zeros.
 template <class Real>
 PaperContactState<Real> makePaperContactState(int node_count) {
   PaperContactState<Real> state;
-  const auto rows = [node_count](int count) { return static_cast<std::size_t>(node_count * count * kLanes); };
+  const auto rows = [node_count](int count) {
+    return static_cast<std::size_t>(node_count * count * kLanes);
+  };
   state.stiffness.resize(rows(1));
   state.engaged.resize(kLanes);
   state.multiplier.resize(rows(3));
@@ -122,10 +124,6 @@ class PaperContact {
     const V dx = tx * inverse_size, dy = ty * inverse_size;  // zero where it sticks
     const V kt = k * cut;
 
-    // Sliding one way or the other are two pieces: between them friction changes by all of 2 µλ.
-    const Vec3<V> force_before = Vec3<V>::loadFrom(force_ + node * 3 * kLanes);
-    const Mask turned = slides & (cone > zero) & (fx * force_before.x + fy * force_before.y > zero);
-
     gradient.x = gradient.x + fx;
     gradient.y = gradient.y + fy;
     gradient.z = gradient.z - normal;
@@ -138,9 +136,9 @@ class PaperContact {
     store<V>(hessian + 2 * kLanes, kt - kt * dy * dy);
     store<V>(hessian + 3 * kLanes, select(touches, k, zero));
 
-    const V piece = select(touches, one, zero) +
-                    select((multiplier.z > zero) & slides, broadcast<V>(2), zero);
-    piece_changed_ = piece_changed_ | (piece != before) | turned;
+    const V piece =
+        select(touches, one, zero) + select((multiplier.z > zero) & slides, broadcast<V>(2), zero);
+    piece_changed_ = piece_changed_ | (piece != before);
     store<V>(piece_address, piece);
     const V friction = select(slides, cone * (size - half * cone), half * size * size);
     return (half * normal * normal + friction) / k;
@@ -198,7 +196,8 @@ class PaperContact {
       const Vec3<V> m = Vec3<V>::loadFrom(multiplier);
       engaged |= any(m.z > zero);
       const V cone = friction_ * m.z;
-      const Mask sticks = (m.z > zero) & (m.x * m.x + m.y * m.y < broadcast<V>(Real(0.99999)) * cone * cone);
+      const Mask sticks =
+          (m.z > zero) & (m.x * m.x + m.y * m.y < broadcast<V>(Real(0.99999)) * cone * cone);
       store<V>(offset, select(sticks, load<V>(slip_ + node * 2 * kLanes), zero));
       store<V>(offset + kLanes, select(sticks, load<V>(slip_ + (node * 2 + 1) * kLanes), zero));
     }

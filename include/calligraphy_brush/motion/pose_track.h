@@ -10,8 +10,8 @@ namespace calligraphy_brush {
 
 /// Pose X_PH of the brush handle H in the paper frame P at a time stamp.
 struct HandlePose {
-  std::int64_t stamp_ns = 0;                                       ///< time since any epoch [ns]
-  Eigen::Vector3d position = Eigen::Vector3d::Zero();              ///< p_PH [m]
+  std::int64_t stamp_ns = 0;                                        ///< time since any epoch [ns]
+  Eigen::Vector3d position = Eigen::Vector3d::Zero();               ///< p_PH [m]
   Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();  ///< R_PH; identity: upright
 };
 

@@ -37,7 +37,8 @@ CALLIGRAPHY_INLINE BendingTerms<V> bendingTerms(V s, V p) {
   const V regular = min(s, broadcast<V>(RealOf<V>(3.99)));
   const V r = broadcast<V>(1) / (broadcast<V>(1) - p * regular);
   const V first = half * r * r;
-  return {half * regular * r + first * (s - regular), first, select(s > regular, V{}, two * p * first * r)};
+  return {half * regular * r + first * (s - regular), first,
+          select(s > regular, V{}, two * p * first * r)};
 }
 
 }  // namespace calligraphy_brush

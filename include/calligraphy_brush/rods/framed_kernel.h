@@ -31,19 +31,21 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
 
   /// As RodKernel::solve.
   static SolveReport solve(const RodBatchModel<Real>& model, const RodBatchRoots<Real>& roots,
-                           FramedRods<Real>& framed, const StepCoefficients& step, double law, double gravity,
-                           const SolverSettings& settings, int lane, Potential& potential,
-                           RodBatchWorkspace<Real>& workspace, RodBatchState<Real>& state,
-                           const double* pivot, Real* wrench) {
+                           FramedRods<Real>& framed, const StepCoefficients& step, double law,
+                           double gravity, const SolverSettings& settings, int lane,
+                           Potential& potential, RodBatchWorkspace<Real>& workspace,
+                           RodBatchState<Real>& state, const double* pivot, Real* wrench) {
     FramedKernel kernel(model, roots, framed, step, law, gravity, lane, potential, workspace, state);
     return kernel.run(settings, pivot, wrench);
   }
 
  private:
-  FramedKernel(const RodBatchModel<Real>& model, const RodBatchRoots<Real>& roots, FramedRods<Real>& framed,
-               const StepCoefficients& step, double law, double gravity, int lane, Potential& potential,
-               RodBatchWorkspace<Real>& workspace, RodBatchState<Real>& state)
-      : Base(potential, model.rod_count - lane, framed.trial_frame.data() + lane, framed.next_frame.data() + lane),
+  FramedKernel(const RodBatchModel<Real>& model, const RodBatchRoots<Real>& roots,
+               FramedRods<Real>& framed, const StepCoefficients& step, double law, double gravity,
+               int lane, Potential& potential, RodBatchWorkspace<Real>& workspace,
+               RodBatchState<Real>& state)
+      : Base(potential, model.rod_count - lane, framed.trial_frame.data() + lane,
+             framed.next_frame.data() + lane),
         n_(model.node_count),
         joint_(framed.joint.data() + lane),
         mass_(model.mass.data() + lane),
@@ -77,8 +79,12 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
 
   CALLIGRAPHY_INLINE Joint<V> joint(int i) const {
     const Real* at = joint_ + i * kJoint;
-    return {load<V>(at),              load<V>(at + kLanes),     load<V>(at + 2 * kLanes),
-            load<V>(at + 3 * kLanes), load<V>(at + 4 * kLanes), load<V>(at + 5 * kLanes)};
+    return {load<V>(at),
+            load<V>(at + kLanes),
+            load<V>(at + 2 * kLanes),
+            load<V>(at + 3 * kLanes),
+            load<V>(at + 4 * kLanes),
+            load<V>(at + 5 * kLanes)};
   }
 
   /// a* b, of the two quaternions of that rotation the one that turns by less than a half.
@@ -103,7 +109,8 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
       y.z = y.z + fall;
       y.storeTo(target_ + node * kVector);
     }
-    for (int i = 0; i < n_ - 1; ++i) Rotation::loadFrom(frame_ + i * kFrame).storeTo(trial_ + i * kFrame);
+    for (int i = 0; i < n_ - 1; ++i)
+      Rotation::loadFrom(frame_ + i * kFrame).storeTo(trial_ + i * kFrame);
     evaluate();
   }
 
@@ -137,7 +144,8 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
       gradient.storeTo(gradient_ + (i + 1) * kVector);
       before = q;
     }
-    energy_ = elastic + jointEnergy(between(before, end_frame_), joint(n_ - 1), round_) + inertia + contact;
+    energy_ =
+        elastic + jointEnergy(between(before, end_frame_), joint(n_ - 1), round_) + inertia + contact;
   }
 
   Mask sweep(V majorant, V& decrement) {
@@ -221,7 +229,8 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
       V U[3][3];
       for (int a = 0; a < 3; ++a)
         for (int b = 0; b < 3; ++b) {
-          U[a][b] = I[a][0] * d.hessian01[b][0] + I[a][1] * d.hessian01[b][1] + I[a][2] * d.hessian01[b][2];
+          U[a][b] =
+              I[a][0] * d.hessian01[b][0] + I[a][1] * d.hessian01[b][1] + I[a][2] * d.hessian01[b][2];
           store<V>(out + (18 + 3 * a + b) * kLanes, U[a][b]);
         }
       S.xx = S.xx - (W[0].x * X[0].x + W[1].x * X[1].x + W[2].x * X[2].x);
@@ -233,10 +242,12 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
       p = p - (k[0] * W[0] + k[1] * W[1] + k[2] * W[2]);
       for (int b = 0; b < 3; ++b) {
         R[b] = (-U[0][b]) * W[0] - (U[1][b] * W[1] + U[2][b] * W[2]);
-        q[b] = d.gradient0[b] - (d.hessian01[b][0] * k[0] + d.hessian01[b][1] * k[1] + d.hessian01[b][2] * k[2]);
+        q[b] = d.gradient0[b] -
+               (d.hessian01[b][0] * k[0] + d.hessian01[b][1] * k[1] + d.hessian01[b][2] * k[2]);
         for (int c = b; c < 3; ++c)
-          Q[b][c] = Q[c][b] = d.hessian00[b][c] - (d.hessian01[b][0] * U[0][c] + d.hessian01[b][1] * U[1][c] +
-                                                   d.hessian01[b][2] * U[2][c]);
+          Q[b][c] = Q[c][b] =
+              d.hessian00[b][c] -
+              (d.hessian01[b][0] * U[0][c] + d.hessian01[b][1] * U[1][c] + d.hessian01[b][2] * U[2][c]);
       }
       addNode(i);
       here = before;
@@ -250,8 +261,9 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
     const V half = real(0.5) * scale;
     const Rotation moved = q * Rotation{real(1), half * u[0], half * u[1], half * u[2]};
     const V inverse = real(1) / sqrt(dot(moved, moved));
-    const Rotation result = select(scale == V{}, q, Rotation{inverse * moved.w, inverse * moved.x,
-                                                             inverse * moved.y, inverse * moved.z});
+    const Rotation result =
+        select(scale == V{}, q,
+               Rotation{inverse * moved.w, inverse * moved.x, inverse * moved.y, inverse * moved.z});
     result.storeTo(next_ + i * kFrame);
     return result;
   }
@@ -263,7 +275,8 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
       const Real* in = factor_ + i * kFactor;
       V v[3];
       for (int a = 0; a < 3; ++a) {
-        v[a] = -load<V>(in + (15 + a) * kLanes) - dot(Vector::loadFrom(in + (6 + 3 * a) * kLanes), shift);
+        v[a] =
+            -load<V>(in + (15 + a) * kLanes) - dot(Vector::loadFrom(in + (6 + 3 * a) * kLanes), shift);
         if (i > 0)
           for (int b = 0; b < 3; ++b) v[a] = v[a] - load<V>(in + (18 + 3 * a + b) * kLanes) * u[b];
       }
@@ -326,8 +339,9 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
       const int at = node * kVector;
       const Vector old_velocity = Vector::loadFrom(velocity_ + at);
       old_velocity.storeTo(previous_velocity_ + at);
-      const Vector velocity = from_way * way + (from_displacement * Vector::loadFrom(displacement_ + at) +
-                                                from_velocity * old_velocity);
+      const Vector velocity =
+          from_way * way +
+          (from_displacement * Vector::loadFrom(displacement_ + at) + from_velocity * old_velocity);
       velocity.storeTo(velocity_ + at);
       way.storeTo(displacement_ + at);
       position.storeTo(position_ + at);

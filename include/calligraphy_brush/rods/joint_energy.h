@@ -22,7 +22,8 @@ struct Quaternion {
   }
   friend CALLIGRAPHY_INLINE Quaternion operator*(const Quaternion& a, const Quaternion& b) {
     return {a.w * b.w - a.x * b.x - a.y * b.y - a.z * b.z, a.w * b.x + a.x * b.w + a.y * b.z - a.z * b.y,
-            a.w * b.y - a.x * b.z + a.y * b.w + a.z * b.x, a.w * b.z + a.x * b.y - a.y * b.x + a.z * b.w};
+            a.w * b.y - a.x * b.z + a.y * b.w + a.z * b.x,
+            a.w * b.z + a.x * b.y - a.y * b.x + a.z * b.w};
   }
   CALLIGRAPHY_INLINE Quaternion conjugate() const { return {w, -x, -y, -z}; }
 };
@@ -33,16 +34,20 @@ CALLIGRAPHY_INLINE V dot(const Quaternion<V>& a, const Quaternion<V>& b) {
 }
 template <class Mask, class V>
 CALLIGRAPHY_INLINE Quaternion<V> select(Mask mask, const Quaternion<V>& a, const Quaternion<V>& b) {
-  return {select(mask, a.w, b.w), select(mask, a.x, b.x), select(mask, a.y, b.y), select(mask, a.z, b.z)};
+  return {select(mask, a.w, b.w), select(mask, a.x, b.x), select(mask, a.y, b.y),
+          select(mask, a.z, b.z)};
 }
 
 /// Axes of the frame: the columns of its rotation matrix.
 template <class V>
 CALLIGRAPHY_INLINE void axes(const Quaternion<V>& q, Vec3<V>& d1, Vec3<V>& d2, Vec3<V>& tangent) {
   const V one = broadcast<V>(1), two = broadcast<V>(2);
-  d1 = {one - two * (q.y * q.y + q.z * q.z), two * (q.x * q.y + q.w * q.z), two * (q.x * q.z - q.w * q.y)};
-  d2 = {two * (q.x * q.y - q.w * q.z), one - two * (q.x * q.x + q.z * q.z), two * (q.y * q.z + q.w * q.x)};
-  tangent = {two * (q.x * q.z + q.w * q.y), two * (q.y * q.z - q.w * q.x), one - two * (q.x * q.x + q.y * q.y)};
+  d1 = {one - two * (q.y * q.y + q.z * q.z), two * (q.x * q.y + q.w * q.z),
+        two * (q.x * q.z - q.w * q.y)};
+  d2 = {two * (q.x * q.y - q.w * q.z), one - two * (q.x * q.x + q.z * q.z),
+        two * (q.y * q.z + q.w * q.x)};
+  tangent = {two * (q.x * q.z + q.w * q.y), two * (q.y * q.z - q.w * q.x),
+             one - two * (q.x * q.x + q.y * q.y)};
 }
 
 /// Arc tangent of y/x for x ≥ 0, to a few roundings of double.
@@ -61,10 +66,16 @@ CALLIGRAPHY_INLINE V arcTangent(V y, V x) {
   const V t = p / select(q > zero, q, one);
   const V z = t * t;
   const V numerator = (((c(-8.750608600031904122785e-1) * z + c(-1.615753718733365076637e1)) * z +
-                        c(-7.500855792314704667340e1)) * z + c(-1.228866684490136173410e2)) * z +
+                        c(-7.500855792314704667340e1)) *
+                           z +
+                       c(-1.228866684490136173410e2)) *
+                          z +
                       c(-6.485021904942025371773e1);
   const V denominator = ((((z + c(2.485846490142306297962e1)) * z + c(1.650270098316988542046e2)) * z +
-                          c(4.328810604912902668951e2)) * z + c(4.853903996359136964868e2)) * z +
+                          c(4.328810604912902668951e2)) *
+                             z +
+                         c(4.853903996359136964868e2)) *
+                            z +
                         c(1.945506571482613964425e2);
   const V angle = offset + (t + t * z * (numerator / denominator));
   return select(y < zero, -angle, angle);
@@ -112,7 +123,8 @@ CALLIGRAPHY_INLINE V jointEnergy(const Quaternion<V>& q, const Joint<V>& joint, 
   const JointStrain<V> strain = jointStrain(q, round);
   const V a = strain.bend1 - joint.natural1, b = strain.bend2 - joint.natural2,
           c = strain.twist - joint.natural_twist;
-  return broadcast<V>(RealOf<V>(0.5)) * (joint.bend1 * a * a + joint.bend2 * b * b + joint.twist * c * c);
+  return broadcast<V>(RealOf<V>(0.5)) *
+         (joint.bend1 * a * a + joint.bend2 * b * b + joint.twist * c * c);
 }
 
 /// Derivatives of the energy by small turns of the two frames, q₀ → q₀ exp(ω₀/2), q₁ → q₁ exp(ω₁/2),
@@ -135,10 +147,10 @@ struct JointDerivatives {
 ///
 /// `convex` in [0, 1] leaves out that part of what is not JᵀKJ, with J the derivative of the strain.
 template <class V>
-CALLIGRAPHY_INLINE void jointDerivatives(const Quaternion<V>& q, const Joint<V>& joint, V round, V convex,
-                                         JointDerivatives<V>& out) {
+CALLIGRAPHY_INLINE void jointDerivatives(const Quaternion<V>& q, const Joint<V>& joint, V round,
+                                         V convex, JointDerivatives<V>& out) {
   const V zero{}, two = broadcast<V>(2), quarter = broadcast<V>(RealOf<V>(0.25)),
-          half = broadcast<V>(RealOf<V>(0.5)), four = broadcast<V>(4), six = broadcast<V>(6);
+                  half = broadcast<V>(RealOf<V>(0.5)), four = broadcast<V>(4), six = broadcast<V>(6);
   const V i1 = joint_detail::inverseRadius(q, round), i2 = i1 * i1, i3 = i1 * i2, i5 = i3 * i2;
   const V spin = broadcast<V>(1) / max(q.w * q.w + q.z * q.z, broadcast<V>(RealOf<V>(1e-12)));
   const JointStrain<V> strain{two * i1 * q.x, two * i1 * q.y, two * arcTangent(q.z, q.w)};
@@ -174,7 +186,8 @@ CALLIGRAPHY_INLINE void jointDerivatives(const Quaternion<V>& q, const Joint<V>&
         s1 * k1.z + s2 * k2.z + s3 * k3.z + on_d * d.z + on_D * v.z + Twz * v.w - Tww * v.z};
   };
 
-  const Quaternion<V> right[3] = {{-q.x, q.w, q.z, -q.y}, {-q.y, -q.z, q.w, q.x}, {-q.z, q.y, -q.x, q.w}};
+  const Quaternion<V> right[3] = {
+      {-q.x, q.w, q.z, -q.y}, {-q.y, -q.z, q.w, q.x}, {-q.z, q.y, -q.x, q.w}};
   const Quaternion<V> left[3] = {{-q.x, q.w, -q.z, q.y}, {-q.y, q.z, q.w, -q.x}, {-q.z, -q.y, q.x, q.w}};
   for (int k = 0; k < 3; ++k) {
     out.gradient1[k] = half * dot(gradient, right[k]);
@@ -190,9 +203,12 @@ CALLIGRAPHY_INLINE void jointDerivatives(const Quaternion<V>& q, const Joint<V>&
   const V scale = -quarter * part;
   for (int j = 0; j < 3; ++j) {
     const Quaternion<V>& l = left[j];
-    out.hessian01[j][0] = out.hessian01[j][0] + scale * dot(gradient, Quaternion<V>{-l.x, l.w, l.z, -l.y});
-    out.hessian01[j][1] = out.hessian01[j][1] + scale * dot(gradient, Quaternion<V>{-l.y, -l.z, l.w, l.x});
-    out.hessian01[j][2] = out.hessian01[j][2] + scale * dot(gradient, Quaternion<V>{-l.z, l.y, -l.x, l.w});
+    out.hessian01[j][0] =
+        out.hessian01[j][0] + scale * dot(gradient, Quaternion<V>{-l.x, l.w, l.z, -l.y});
+    out.hessian01[j][1] =
+        out.hessian01[j][1] + scale * dot(gradient, Quaternion<V>{-l.y, -l.z, l.w, l.x});
+    out.hessian01[j][2] =
+        out.hessian01[j][2] + scale * dot(gradient, Quaternion<V>{-l.z, l.y, -l.x, l.w});
   }
 }
 

@@ -16,10 +16,10 @@ struct SolverSettings {
 
 /// What a solve did, over the rods of a batch.
 struct SolveReport {
-  int iterations = 0;         ///< summed over rods
-  int most_iterations = 0;    ///< of one rod
-  int unconverged = 0;        ///< rods that ended at max_iterations
-  bool refused = false;       ///< NoPotential's floor was crossed; the state is as it was
+  int iterations = 0;       ///< summed over rods
+  int most_iterations = 0;  ///< of one rod
+  int unconverged = 0;      ///< rods that ended at max_iterations
+  bool refused = false;     ///< NoPotential's floor was crossed; the state is as it was
 };
 
 /// A potential that sees single nodes, such as the sheet, has kPresent = true and
@@ -155,12 +155,8 @@ class NewtonStep {
       Mask uphill = active & !surely_downhill & isUphill();
       const Mask shortened = uphill;
       for (int halving = 0; any(uphill); ++halving) {
-        // To the lowest point of the parabola through what is known, but by a tenth at least. With no
-        // way down at all the lane keeps its shape, and says that it did not converge.
-        const V rise = energy_ - energy_before + scale * decrement;
-        const V lowest = real(0.5) * scale * scale * decrement / rise;
-        const V shorter = min(max(lowest, real(0.1) * scale), real(0.5) * scale);
-        scale = select(uphill, halving < 30 ? shorter : zero, scale);
+        // With no way down at all the lane keeps its shape, and says that it did not converge.
+        scale = select(uphill, halving < 30 ? scale * real(0.5) : zero, scale);
         self().retryUpdate(scale);
         uphill = uphill & (scale > zero) & isUphill();
       }
@@ -179,7 +175,7 @@ class NewtonStep {
   }
 
   Potential& potential_;
-  int rods_here_;    // lanes from here on that hold a rod
+  int rods_here_;  // lanes from here on that hold a rod
   Real *trial_, *next_;
   V energy_{};
 

@@ -14,11 +14,11 @@ namespace calligraphy_brush {
 template <class Real>
 struct RodBatchModel {
   int node_count = 0;
-  int rod_count = 0;                  ///< lanes that hold a rod, 1 .. kLanes
-  AlignedVector<Real> edge_length;    ///< l [m], [lane]
-  AlignedVector<Real> spring;         ///< EI/(l̄ l²) of the joint at node 0 .. n − 2 [N/m], [node][lane]
-  AlignedVector<Real> mass;           ///< [kg], [node][lane]
-  AlignedVector<Real> stiffness;      ///< EI/l³ near the node: what holds it in place [N/m], [node][lane]
+  int rod_count = 0;                ///< lanes that hold a rod, 1 .. kLanes
+  AlignedVector<Real> edge_length;  ///< l [m], [lane]
+  AlignedVector<Real> spring;     ///< EI/(l̄ l²) of the joint at node 0 .. n − 2 [N/m], [node][lane]
+  AlignedVector<Real> mass;       ///< [kg], [node][lane]
+  AlignedVector<Real> stiffness;  ///< EI/l³ near the node: what holds it in place [N/m], [node][lane]
 };
 
 /// All that a snapshot of the rods needs.
@@ -53,11 +53,11 @@ struct RodBatchWorkspace {
 /// What rods with material frames have besides. Quaternions as w, x, y, z.
 template <class Real>
 struct FramedRods {
-  AlignedVector<Real> joint;              ///< EI₁/l̄, EI₂/l̄, GJ/l̄ [N m], κ̄₁, κ̄₂, m̄ [1], [joint][6][lane]
-  AlignedVector<Real> frame;              ///< material frame of an edge in the paper frame, [edge][4][lane]
-  AlignedVector<Real> clamp_frame;        ///< what the handle asks of it at the root, [4][lane]
-  AlignedVector<Real> end_frame;          ///< and the far clamp, if there is one, [4][lane]
-  AlignedVector<Real> end_position;       ///< [m], [3][lane]
+  AlignedVector<Real> joint;  ///< EI₁/l̄, EI₂/l̄, GJ/l̄ [N m], κ̄₁, κ̄₂, m̄ [1], [joint][6][lane]
+  AlignedVector<Real> frame;         ///< material frame of an edge in the paper frame, [edge][4][lane]
+  AlignedVector<Real> clamp_frame;   ///< what the handle asks of it at the root, [4][lane]
+  AlignedVector<Real> end_frame;     ///< and the far clamp, if there is one, [4][lane]
+  AlignedVector<Real> end_position;  ///< [m], [3][lane]
   AlignedVector<Real> tether_stiffness;   ///< of what holds the far end in place; 0: free [N/m], [lane]
   AlignedVector<Real> tether_multiplier;  ///< force of the rod on the far clamp [N], [3][lane]
 

@@ -35,13 +35,14 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
   using Mask = typename Base::Mask;
   using Vector = typename Base::Vector;
 
-  /// law: p of bendingTerms. Solves lanes `lane` .. lane + kWidth − 1 and moves their state to the end of the step.
-  /// `wrench`, if not null, receives [force x y z, torque x y z about `pivot`][lane] that each rod
-  /// puts on its clamp [N, N m].
+  /// law: p of bendingTerms. Solves lanes `lane` .. lane + kWidth − 1 and moves their state to the end
+  /// of the step. `wrench`, if not null, receives [force x y z, torque x y z about `pivot`][lane] that
+  /// each rod puts on its clamp [N, N m].
   static SolveReport solve(const RodBatchModel<Real>& model, const RodBatchRoots<Real>& roots,
-                           const StepCoefficients& step, double law, double gravity, const SolverSettings& settings,
-                           int lane, Potential& potential, RodBatchWorkspace<Real>& workspace,
-                           RodBatchState<Real>& state, const double* pivot, Real* wrench) {
+                           const StepCoefficients& step, double law, double gravity,
+                           const SolverSettings& settings, int lane, Potential& potential,
+                           RodBatchWorkspace<Real>& workspace, RodBatchState<Real>& state,
+                           const double* pivot, Real* wrench) {
     RodKernel kernel(model, roots, step, law, gravity, lane, potential, workspace, state);
     return kernel.run(settings, pivot, wrench);
   }
@@ -145,8 +146,9 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
   }
 
   // Rows of an edge in factor_. Where the sweep is done with a row it puts a gain there.
-  static constexpr int kBasis = 0;               // P, 6
-  static constexpr int kCoupling = 6 * kLanes;   // C of the edge and the one before it, then its gain U, 4
+  static constexpr int kBasis = 0;  // P, 6
+  static constexpr int kCoupling =
+      6 * kLanes;  // C of the edge and the one before it, then its gain U, 4
   static constexpr int kOwnGradient = 10 * kLanes;  // q, then the gain k, 2
   static constexpr int kOwnHessian = 12 * kLanes;   // Q, 3
   static constexpr int kGain = kOwnHessian;         // X, 6
@@ -239,7 +241,7 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
   void writeJoints(V majorant) {
     const V zero{}, one = real(1), two = real(2), half = real(0.5), four = real(4);
     const V lenient = one - majorant;
-    Vector force{};  // gradient of Φ by a shift of all nodes beyond the edge
+    Vector force{};                     // gradient of Φ by a shift of all nodes beyond the edge
     V Q00{}, Q01{}, Q11{}, q0{}, q1{};  // of the joint at the far end of the edge
     Vector e = Vector::loadFrom(trial_ + (n_ - 2) * kVector);
     Vector P0, P1;
@@ -312,7 +314,8 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
     walk([&](int i) {
       const Real* in = factor_ + i * kFactor;
       V v0 = -load<V>(in + kOwnGradient) - dot(Vector::loadFrom(in + kGain), shift);
-      V v1 = -load<V>(in + kOwnGradient + kLanes) - dot(Vector::loadFrom(in + kGain + 3 * kLanes), shift);
+      V v1 =
+          -load<V>(in + kOwnGradient + kLanes) - dot(Vector::loadFrom(in + kGain + 3 * kLanes), shift);
       if (i > 0) {
         v0 = v0 - load<V>(in + kCoupling) * u0 - load<V>(in + kCoupling + kLanes) * u1;
         v1 = v1 - load<V>(in + kCoupling + 2 * kLanes) * u0 - load<V>(in + kCoupling + 3 * kLanes) * u1;
@@ -367,8 +370,9 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
       const int at = node * kVector;
       const Vector old_velocity = Vector::loadFrom(velocity_ + at);
       old_velocity.storeTo(previous_velocity_ + at);
-      const Vector velocity = from_way * way + (from_displacement * Vector::loadFrom(displacement_ + at) +
-                                                from_velocity * old_velocity);
+      const Vector velocity =
+          from_way * way +
+          (from_displacement * Vector::loadFrom(displacement_ + at) + from_velocity * old_velocity);
       velocity.storeTo(velocity_ + at);
       way.storeTo(displacement_ + at);
       position.storeTo(position_ + at);

@@ -25,15 +25,18 @@ struct RodParameters {
     visit("time_step", self.time_step, Range{1e-6, 0.1}, "s",
           "Length of one time step, rounded to whole nanoseconds.");
     visit("scheme", self.scheme, Choices{"backward_euler", "bdf2", "sdirk2", "projection"}, "1",
-          "Time integration: backward Euler (first order, calms everything), BDF2 or SDIRK2 (second order, "
+          "Time integration: backward Euler (first order, calms everything), BDF2 or SDIRK2 (second "
+          "order, "
           "one or two solutions a step), or the original method's explicit step with projection, which "
           "needs a time_step near 0.1 ms and has a bending law and a clamp of its own.");
     visit("precision", self.precision, Choices{"float", "double"}, "1",
           "Numbers in the solver; float is as accurate for steps of 0.5 ms and longer.");
     visit("bending_law", self.bending_law, Choices{"tangent", "arc", "sine"}, "1",
-          "Discrete curvature of a turn by phi: 2 tan(phi/2) as published by Bergou 2008, about phi, 2 sin(phi/2).");
-    visit("clamp", self.clamp, Choices{"half", "corrected"}, "1",
-          "Length that the joints next to a clamp stand for: half an edge, or Gregory's end correction.");
+          "Discrete curvature of a turn by phi: 2 tan(phi/2) as published by Bergou 2008, about phi, 2 "
+          "sin(phi/2).");
+    visit(
+        "clamp", self.clamp, Choices{"half", "corrected"}, "1",
+        "Length that the joints next to a clamp stand for: half an edge, or Gregory's end correction.");
     visit("damping", self.damping, Range{0.0, 1e6}, "1/s",
           "Viscous damping c of the force -c m v on a node of mass m; has no measured source.");
     visit("gravity", self.gravity, Range{0.0, 1000.0}, "m/s^2", "Acceleration along -z of the paper.");

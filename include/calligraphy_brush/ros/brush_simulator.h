@@ -39,7 +39,15 @@ class BrushSimulator {
 
  private:
   /// Why a pose was refused; those of PoseVerdict, and what happens before it comes there.
-  enum Refusal { kNotFinite, kOutOfReach, kZeroQuaternion, kNotLater, kTooFast, kUnknownFrame, kRefusalCount };
+  enum Refusal {
+    kNotFinite,
+    kOutOfReach,
+    kZeroQuaternion,
+    kNotLater,
+    kTooFast,
+    kUnknownFrame,
+    kRefusalCount
+  };
 
   /// A pose that has been received and not yet simulated.
   struct WaitingPose {

@@ -31,8 +31,8 @@ namespace calligraphy_brush {
 /// that the sheet gave the node in the step. The projection has moved the node before friction is
 /// asked, so nothing ever truly sticks: a pressed tip slides as far for µ = 10 as for µ = 0.
 ///
-/// Always in double precision, rod by rod, with sparse matrices by Eigen. RodParameters::tolerance is the
-/// residual of a constraint over the length of an edge; clamp and instruction_set have no effect.
+/// Always in double precision, rod by rod, with sparse matrices by Eigen. RodParameters::tolerance is
+/// the residual of a constraint over the length of an edge; clamp and instruction_set have no effect.
 ///
 /// Sources: Bergou et al. 2008, Discrete Elastic Rods (forces, boundary conditions); Goldenthal et al.
 /// 2007, Efficient Simulation of Inextensible Cloth, algorithm 1 (fast projection); Bridson et al.

@@ -22,7 +22,7 @@ struct RodStep {
   FramedRods<Real>* framed;          ///< null: rods that need no material frames
   RodBatchState<Real>& state;
   RodBatchWorkspace<Real>& workspace;
-  Real* wrench;                      ///< see RodKernel::solve; may be null
+  Real* wrench;  ///< see RodKernel::solve; may be null
 };
 
 /// A compiled form of the step for one instruction set.
@@ -59,11 +59,12 @@ SolveReport solveBatch(const RodStep<RealOf<V>>& step) {
     const auto solveWith = [&](auto& potential) {
       if (step.framed)
         return FramedKernel<V, std::decay_t<decltype(potential)>>::solve(
-            step.model, step.roots, *step.framed, step.coefficients, step.law, step.gravity, step.settings, lane,
-            potential, step.workspace, step.state, step.pivot, step.wrench ? step.wrench + lane : nullptr);
+            step.model, step.roots, *step.framed, step.coefficients, step.law, step.gravity,
+            step.settings, lane, potential, step.workspace, step.state, step.pivot,
+            step.wrench ? step.wrench + lane : nullptr);
       return RodKernel<V, std::decay_t<decltype(potential)>>::solve(
-          step.model, step.roots, step.coefficients, step.law, step.gravity, step.settings, lane, potential,
-          step.workspace, step.state, step.pivot, step.wrench ? step.wrench + lane : nullptr);
+          step.model, step.roots, step.coefficients, step.law, step.gravity, step.settings, lane,
+          potential, step.workspace, step.state, step.pivot, step.wrench ? step.wrench + lane : nullptr);
     };
     // Rods that touched nothing and end above the sheet have not met it.
     if (!step.contact || !step.contact->engaged[static_cast<std::size_t>(lane)]) {

@@ -22,16 +22,16 @@ const char* toString(Stage stage);
 
 /// What the steps since construction or reset did.
 struct SimulatorReport {
-  std::int64_t step_count = 0;              ///< steps taken
-  std::int64_t rod_step_count = 0;          ///< rods × steps that were solved
-  std::int64_t iteration_count = 0;         ///< Newton iterations, summed over rods
-  std::int64_t unconverged_count = 0;       ///< rod-steps that ended at max_iterations
-  int touching_rods = 0;                    ///< rods on the sheet after the last step
-  int touching_nodes = 0;                   ///< nodes on the sheet after the last step
-  int last_iterations = 0;                  ///< most iterations of a rod in the last step
-  double max_penetration = 0.0;             ///< deepest node below the sheet in the last step [m]
-  double ink_in_tip = 0.0;                  ///< [m³]
-  double ink_capacity = 0.0;                ///< [m³]
+  std::int64_t step_count = 0;         ///< steps taken
+  std::int64_t rod_step_count = 0;     ///< rods × steps that were solved
+  std::int64_t iteration_count = 0;    ///< Newton iterations, summed over rods
+  std::int64_t unconverged_count = 0;  ///< rod-steps that ended at max_iterations
+  int touching_rods = 0;               ///< rods on the sheet after the last step
+  int touching_nodes = 0;              ///< nodes on the sheet after the last step
+  int last_iterations = 0;             ///< most iterations of a rod in the last step
+  double max_penetration = 0.0;        ///< deepest node below the sheet in the last step [m]
+  double ink_in_tip = 0.0;             ///< [m³]
+  double ink_capacity = 0.0;           ///< [m³]
   std::array<double, static_cast<int>(Stage::kCount)> stage_seconds{};  ///< wall time, summed
 };
 

@@ -46,7 +46,9 @@ class Tuft {
   /// it on the straight way from where it was.
   virtual TuftReport step(const Eigen::Isometry3d& X_PH) = 0;
   /// One time step in which the handle is at X_PH(c) after the part c of it, 0 < c ≤ 1.
-  virtual TuftReport stepAlong(const std::function<Eigen::Isometry3d(double)>& X_PH) { return step(X_PH(1.0)); }
+  virtual TuftReport stepAlong(const std::function<Eigen::Isometry3d(double)>& X_PH) {
+    return step(X_PH(1.0));
+  }
 
   /// A load on a node [N] from the next step on, until it is set anew; place() takes all loads away.
   /// Throws std::invalid_argument where the scheme takes none.
