@@ -9,7 +9,8 @@ using namespace calligraphy_brush;
 
 namespace {
 
-/// End of a horizontal rod, L = B = 1, bent by its weight: the continuous rod, made outside this project.
+/// End of a horizontal rod, L = B = 1, bent by its weight: the continuous rod, made outside this
+/// project.
 struct Continuum {
   double gamma, x, z;
 };
@@ -40,16 +41,22 @@ TEST(Clamp, CorrectedWithTheArcLawIsFarNearerToTheContinuousRod) {
   std::printf("error of the end of a rod of 45 mm [mm]\n");
   for (const Continuum& c : kContinuum)
     for (const int nodes : {10, 16, 32}) {
-      const double published = endError("tangent", "half", c, nodes), ours = endError("arc", "corrected", c, nodes);
-      std::printf("weight %3.0f, n = %2d: tangent, half %.4f; arc, corrected %.4f\n", c.gamma, nodes, 45 * published, 45 * ours);
+      const double published = endError("tangent", "half", c, nodes),
+                   ours = endError("arc", "corrected", c, nodes);
+      std::printf("weight %3.0f, n = %2d: tangent, half %.4f; arc, corrected %.4f\n", c.gamma, nodes,
+                  45 * published, 45 * ours);
       EXPECT_LT(ours, nodes == 10 ? 0.6 * published : 0.25 * published);
     }
 }
 
-TEST(Clamp, FallsToTheContinuousRodWithTheSecondOrderAtLeast) {
+TEST(Clamp, FallsToTheContinuousRodWithTheSecondOrder) {
+  // On coarse rods the corrected clamp's terms of second order cancel each other in part, and the order
+  // that is seen is another; it shows on fine ones.
   for (const char* clamp : {"half", "corrected"})
     for (const char* law : {"tangent", "arc"}) {
-      const double order = std::log2(endError(law, clamp, kContinuum[0], 33) / endError(law, clamp, kContinuum[0], 65));
-      EXPECT_GT(order, 1.7) << law << " " << clamp;
+      const double order =
+          std::log2(endError(law, clamp, kContinuum[0], 129) / endError(law, clamp, kContinuum[0], 257));
+      std::printf("%s, %s: order %.3f\n", law, clamp, order);
+      EXPECT_NEAR(order, 2.0, 0.25) << law << " " << clamp;
     }
 }
