@@ -1,7 +1,7 @@
 // Stress of the rods' step: a cell a line, over time steps, stiffness, nodes, friction, schemes and
 // motions.
-//   stress          a selection, seconds
-//   stress --long   all of them, minutes
+//   stress          a selection, a minute or two
+//   stress --long   all of them, far longer
 // Prints every cell that fails, a table of counts, and exits with their number (at most 100).
 #include <algorithm>
 #include <cmath>
