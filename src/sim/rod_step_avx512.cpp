@@ -2,7 +2,8 @@
 
 namespace calligraphy_brush {
 
-const RodStepKernel kRodStepAvx512{"avx512", &rod_step_detail::solve<float, 64>,
-                                   &rod_step_detail::solve<double, 64>};
+const RodStepKernel kRodStepAvx512{
+    "avx512", &rod_step_detail::solve<float, 64>, &rod_step_detail::solve<double, 64>,
+    &rod_step_detail::pull<float, 64>, &rod_step_detail::pull<double, 64>};
 
 }  // namespace calligraphy_brush

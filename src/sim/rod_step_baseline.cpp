@@ -2,7 +2,8 @@
 
 namespace calligraphy_brush {
 
-const RodStepKernel kRodStepBaseline{"baseline", &rod_step_detail::solve<float, 16>,
-                                     &rod_step_detail::solve<double, 16>};
+const RodStepKernel kRodStepBaseline{
+    "baseline", &rod_step_detail::solve<float, 16>, &rod_step_detail::solve<double, 16>,
+    &rod_step_detail::pull<float, 16>, &rod_step_detail::pull<double, 16>};
 
 }  // namespace calligraphy_brush

@@ -30,7 +30,7 @@ TEST_P(BothKernels, AgreeOnWhatBothCanDo) {
   RodParameters rods = exactRods(0.001);
   std::tie(rods.scheme, rods.bending_law, rods.clamp) = GetParam();
   ContactParameters contact;
-  contact.multiplier_updates = 50;
+  contact.multiplier_updates = 200;
   contact.tolerance = 1e-13;
   const RodModel plain = makeUniformRod(kReferenceLength, kReferenceBending, kReferenceDensity, 12);
   ASSERT_FALSE(plain.needsFrames());

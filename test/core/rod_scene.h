@@ -25,6 +25,7 @@ inline RodParameters exactRods(double time_step) {
   rods.clamp = "half";
   rods.tolerance = 1e-13;
   rods.max_iterations = 200;
+  rods.sleep = 0;
   return rods;
 }
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <limits>
 #include <vector>
 
 #include "calligraphy_brush/common/aligned.h"
@@ -16,13 +17,18 @@ struct PaperContactState {
   AlignedVector<Real> offset;      ///< way of a sticking node from where it stuck [m], [node][2][lane]
   AlignedVector<Real> force;       ///< of the sheet on the node in the last step [N], [node][3][lane]
 
-  /// Whether the lanes from this one on, as far as a kernel takes them together, touch: [lane]. Where
-  /// they do not, all of the above is zero.
-  std::vector<char> engaged;
+  /// 1 where a rod felt the sheet in the last step, else 0: [lane]. Where it did not, all of the above
+  /// is zero.
+  AlignedVector<Real> engaged;
+
+  /// 1 where a node of a rod stuck to the sheet in the last step, or slid by less than the tolerance
+  /// of a contact, else 0: [lane].
+  AlignedVector<Real> stuck;
 
   // Scratch of a step.
   AlignedVector<Real> slip;     ///< offset at the end of the step [m], [node][2][lane]
   AlignedVector<Real> hessian;  ///< xx, xy, yy, zz [N/m], [node][4][lane]
+  AlignedVector<Real> better;   ///< multipliers after the last solve [N], [node][3][lane]
   AlignedVector<Real> piece;    ///< which piece of the potential each node is on, [node][lane]
   std::vector<char> near;       ///< nodes that had a contact term in the last pass, [node]
 };
@@ -36,11 +42,13 @@ PaperContactState<Real> makePaperContactState(int node_count) {
   };
   state.stiffness.resize(rows(1));
   state.engaged.resize(kLanes);
+  state.stuck.resize(kLanes);
   state.multiplier.resize(rows(3));
   state.offset.resize(rows(2));
   state.force.resize(rows(3));
   state.slip.resize(rows(2));
   state.hessian.resize(rows(4));
+  state.better.resize(rows(3));
   state.piece.resize(rows(1));
   state.near.resize(static_cast<std::size_t>(node_count));
   return state;
@@ -68,6 +76,7 @@ template <class V>
 class PaperContact {
  public:
   static constexpr bool kPresent = true;
+  static constexpr bool kHasFloor = false;
   using Real = RealOf<V>;
   using Mask = MaskOf<V>;
 
@@ -82,42 +91,51 @@ class PaperContact {
         force_(state.force.data() + lane),
         slip_(state.slip.data() + lane),
         hessian_(state.hessian.data() + lane),
+        better_(state.better.data() + lane),
         piece_(state.piece.data() + lane),
         near_(state.near.data()),
-        engaged_(state.engaged.data() + lane) {
-    for (int node = 0; node < node_count_; ++node) near_[node] = 0;
+        engaged_(state.engaged.data() + lane),
+        stuck_(state.stuck.data() + lane),
+        here_(load<V>(engaged_) > V{}) {
+    begin();
   }
 
   CALLIGRAPHY_INLINE void beginPass() {
-    piece_changed_ = V{} > broadcast<V>(1);
+    piece_changed_ = present_ = V{} > broadcast<V>(1);
     holds_ = passes_++ == 0;
   }
 
   CALLIGRAPHY_INLINE V add(int node, const Vec3<V>& way, Vec3<V>& gradient) {
     const V zero{}, one = broadcast<V>(1), half = broadcast<V>(Real(0.5));
-    const V k = load<V>(stiffness_ + node * kLanes);
+    const V k = hardening_ * load<V>(stiffness_ + node * kLanes);
     const Vec3<V> multiplier = Vec3<V>::loadFrom(multiplier_ + node * 3 * kLanes);
     V normal = multiplier.z - k * (load<V>(position_ + (node * 3 + 2) * kLanes) + way.z);
-    Mask touches = normal > zero;
+    Mask touches = here_ & (normal > zero);
     if (holds_) touches = touches | (multiplier.z > zero);
     normal = select(touches, normal, zero);
     Real* piece_address = piece_ + node * kLanes;
-    if (!any(touches | (multiplier.z > zero))) {
+    const Mask present = touches | (multiplier.z > zero);
+    present_ = present_ | present;
+    if (!any(present)) {
       if (near_[node]) {
         piece_changed_ = piece_changed_ | (load<V>(piece_address) != zero);
         near_[node] = 0;
       }
       return zero;
     }
-    const V before = near_[node] ? load<V>(piece_address) : zero;
-    near_[node] = 1;
+    if (!near_[node]) {
+      store<V>(piece_address, zero);
+      multiplier.storeTo(better_ + node * 3 * kLanes);
+      near_[node] = 1;
+    }
+    const V before = load<V>(piece_address);
 
     const V sx = load<V>(offset_ + node * 2 * kLanes) + way.x;
     const V sy = load<V>(offset_ + (node * 2 + 1) * kLanes) + way.y;
     const V tx = multiplier.x + k * sx, ty = multiplier.y + k * sy;
     const V cone = friction_ * multiplier.z;
     const V size = sqrt(tx * tx + ty * ty);
-    const Mask slides = size > cone;
+    const Mask slides = size >= cone;  // so without a cone there is no friction, whatever the way
     const V inverse_size = select(slides, one / max(size, broadcast<V>(Real(1e-30))), zero);
     const V cut = select(slides, cone * inverse_size, one);
     const V fx = cut * tx, fy = cut * ty;
@@ -154,16 +172,29 @@ class PaperContact {
   }
 
   CALLIGRAPHY_INLINE Mask pieceChanged() const { return piece_changed_; }
+  CALLIGRAPHY_INLINE Mask absent() const { return !present_; }
+
+  /// Rods that did not feel the sheet in the last step are solved without it, and solved again if that
+  /// takes them below it. So what a rod does never depends on whether its neighbours touch.
+  Mask admit(V lowest) {
+    const Mask below = (lowest < V{}) & (!here_);
+    here_ = here_ | below;
+    return below;
+  }
+  void begin() {
+    for (int node = 0; node < node_count_; ++node) near_[node] = 0;
+    passes_ = 0;
+  }
 
   Mask update(double tolerance, Mask lanes) {
-    const V zero{}, limit = broadcast<V>(static_cast<Real>(tolerance));
-    Mask open = zero > broadcast<V>(1);
+    tolerance_ = tolerance;
+    const V limit = broadcast<V>(static_cast<Real>(tolerance));
+    V worst_squared{};
     for (int node = 1; node < node_count_; ++node) {
       if (!near_[node]) continue;
-      Real* address = multiplier_ + node * 3 * kLanes;
-      const Vec3<V> old = Vec3<V>::loadFrom(address);
+      const Vec3<V> old = Vec3<V>::loadFrom(multiplier_ + node * 3 * kLanes);
       const Vec3<V> force = Vec3<V>::loadFrom(force_ + node * 3 * kLanes);
-      const V k = load<V>(stiffness_ + node * kLanes);
+      const V k = hardening_ * load<V>(stiffness_ + node * kLanes);
       // The trial friction once more, now cut off at the cone of the new normal force.
       const V tx = old.x + k * load<V>(slip_ + node * 2 * kLanes);
       const V ty = old.y + k * load<V>(slip_ + (node * 2 + 1) * kLanes);
@@ -171,16 +202,36 @@ class PaperContact {
       const V cone = friction_ * force.z;
       const V cut = select(size > cone, cone / max(size, broadcast<V>(Real(1e-30))), broadcast<V>(1));
       const Vec3<V> better{cut * tx, cut * ty, force.z};
-      const Vec3<V> change = better - old;
-      open = open | (squaredNorm(change) > limit * limit * k * k);
-      select(lanes, better, old).storeTo(address);
+      // As far as numbers of this precision tell.
+      const V noise = broadcast<V>(64 * std::numeric_limits<Real>::epsilon());
+      const V change = squaredNorm(better - old) - noise * noise * squaredNorm(better);
+      worst_squared = max(worst_squared, change / (k * k));
+      Real* address = better_ + node * 3 * kLanes;
+      select(lanes, better, Vec3<V>::loadFrom(address)).storeTo(address);
     }
-    return open;
+    // The usual rule for a penalty: harder where a round gained little. Not for the last 10 µm,
+    // since a hard contact is a narrow, curved valley.
+    slow_ = (worst_squared > broadcast<V>(Real(0.0625)) * last_worst_squared_) &
+            (worst_squared > broadcast<V>(Real(1e-10)));
+    last_worst_squared_ = worst_squared;
+    return worst_squared > limit * limit;
+  }
+
+  void adopt(Mask lanes) {
+    for (int node = 1; node < node_count_; ++node) {
+      if (!near_[node]) continue;
+      Real* address = multiplier_ + node * 3 * kLanes;
+      select(lanes, Vec3<V>::loadFrom(better_ + node * 3 * kLanes), Vec3<V>::loadFrom(address))
+          .storeTo(address);
+    }
+    hardening_ = select(lanes & slow_, min(broadcast<V>(4) * hardening_, broadcast<V>(Real(kHardest))),
+                        hardening_);
   }
 
   void finish() {
     const V zero{};
-    bool engaged = false;
+    const V least = broadcast<V>(static_cast<Real>(tolerance_));
+    Mask engaged = zero > broadcast<V>(1), stuck = engaged;
     for (int node = 0; node < node_count_; ++node) {
       Real* multiplier = multiplier_ + node * 3 * kLanes;
       Real* force = force_ + node * 3 * kLanes;
@@ -193,26 +244,44 @@ class PaperContact {
         continue;
       }
       // Cut off at the cone: the place where it stuck has come along.
-      const Vec3<V> m = Vec3<V>::loadFrom(multiplier);
-      engaged |= any(m.z > zero);
+      // What is left within the tolerance is taken up over some steps. All at once, the multipliers and
+      // the rod's inertia would swing each other where the rod is heavy against the contact: nearly
+      // along its axis, where a little way of the end is a long way of the rest.
+      const Vec3<V> old = Vec3<V>::loadFrom(multiplier);
+      const Vec3<V> better = Vec3<V>::loadFrom(better_ + node * 3 * kLanes);
+      const Vec3<V> m =
+          select(better.z > zero, old + broadcast<V>(Real(kTakeUp)) * (better - old), better);
+      m.storeTo(multiplier);
+      engaged = engaged | (m.z > zero) | (squaredNorm(Vec3<V>::loadFrom(force)) > zero);
       const V cone = friction_ * m.z;
       const Mask sticks =
           (m.z > zero) & (m.x * m.x + m.y * m.y < broadcast<V>(Real(0.99999)) * cone * cone);
+      const V sx = load<V>(slip_ + node * 2 * kLanes), sy = load<V>(slip_ + (node * 2 + 1) * kLanes);
+      stuck = stuck | sticks | ((m.z > zero) & (sx * sx + sy * sy < least * least));
       store<V>(offset, select(sticks, load<V>(slip_ + node * 2 * kLanes), zero));
       store<V>(offset + kLanes, select(sticks, load<V>(slip_ + (node * 2 + 1) * kLanes), zero));
     }
-    *engaged_ = engaged;
+    store<V>(engaged_, select(engaged, broadcast<V>(1), zero));
+    store<V>(stuck_, select(stuck, broadcast<V>(1), zero));
   }
 
  private:
   int node_count_;
   V friction_;
   const Real *position_, *stiffness_;
-  Real *multiplier_, *offset_, *force_, *slip_, *hessian_, *piece_;
-  char *near_, *engaged_;
-  Mask piece_changed_{};
+  Real *multiplier_, *offset_, *force_, *slip_, *hessian_, *better_, *piece_;
+  char* near_;
+  Real *engaged_, *stuck_;
+  Mask here_;  // lanes for which there is a sheet
+  static constexpr double kHardest = 64;
+  static constexpr double kTakeUp = 0.2;  // of what is left, in a step
+  V hardening_ = broadcast<V>(1);         // factor of all stiffnesses in this step
+  V last_worst_squared_ = broadcast<V>(std::numeric_limits<Real>::infinity());
+  Mask slow_{};
+  Mask piece_changed_{}, present_{};
   int passes_ = 0;
-  bool holds_ = false;  // this pass is the first
+  double tolerance_ = 0;  // of the last update
+  bool holds_ = false;    // this pass is the first
 };
 
 }  // namespace calligraphy_brush

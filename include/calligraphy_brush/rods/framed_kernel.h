@@ -22,7 +22,8 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
   using Base = NewtonStep<FramedKernel, V, Potential>;
   friend Base;
   static constexpr bool kConstrained = true;
-  using Base::energy_, Base::kVector, Base::next_, Base::potential_, Base::real, Base::trial_;
+  using Base::energy_, Base::kNudge, Base::kVector, Base::next_, Base::potential_, Base::real,
+      Base::trial_;
 
  public:
   using Real = typename Base::Real;
@@ -31,7 +32,7 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
 
   /// As RodKernel::solve.
   static SolveReport solve(const RodBatchModel<Real>& model, const RodBatchRoots<Real>& roots,
-                           FramedRods<Real>& framed, const StepCoefficients& step, double law,
+                           FramedRods<Real>& framed, const StepCoefficientsOf<V>& step, double law,
                            double gravity, const SolverSettings& settings, int lane,
                            Potential& potential, RodBatchWorkspace<Real>& workspace,
                            RodBatchState<Real>& state, const double* pivot, Real* wrench) {
@@ -41,7 +42,7 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
 
  private:
   FramedKernel(const RodBatchModel<Real>& model, const RodBatchRoots<Real>& roots,
-               FramedRods<Real>& framed, const StepCoefficients& step, double law, double gravity,
+               FramedRods<Real>& framed, const StepCoefficientsOf<V>& step, double law, double gravity,
                int lane, Potential& potential, RodBatchWorkspace<Real>& workspace,
                RodBatchState<Real>& state)
       : Base(potential, model.rod_count - lane, framed.trial_frame.data() + lane,
@@ -100,8 +101,8 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
   }
 
   void predict() {
-    const V k_displacement = real(step_.displacement), k_velocity = real(step_.velocity),
-            k_previous = real(step_.previous_velocity), fall = real(-step_.gravity * gravity_);
+    const V k_displacement = step_.displacement, k_velocity = step_.velocity,
+            k_previous = step_.previous_velocity, fall = step_.gravity * real(-gravity_);
     for (int node = 0; node < n_; ++node) {
       const Vector d = Vector::loadFrom(displacement_ + node * kVector);
       Vector y = k_displacement * d + k_velocity * Vector::loadFrom(velocity_ + node * kVector) +
@@ -120,7 +121,7 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
 
   template <class Frame>
   CALLIGRAPHY_INLINE void walk(Frame&& frame) {
-    const V weight = real(step_.inertia), half = real(0.5);
+    const V weight = step_.inertia, half = real(0.5);
     V elastic{}, inertia{}, contact{};
     Rotation before = clamp_;
     Vector way = root_displacement_;
@@ -149,7 +150,7 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
   }
 
   Mask sweep(V majorant, V& decrement) {
-    const V weight = real(step_.inertia), zero{}, one = real(1), half = real(0.5);
+    const V weight = step_.inertia, zero{}, one = real(1), half = real(0.5);
     const V least_pivot = real(8) * broadcast<V>(std::numeric_limits<Real>::epsilon());
     Mask failed = zero > one;
     V spent{};
@@ -302,11 +303,23 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
   /// A better multiplier for the place of the far end; the lanes that miss it by more than tolerance.
   Mask updateConstraints(double tolerance, Mask lanes) {
     const Vector old = Vector::loadFrom(tether_);
-    select(lanes, old + tether_stiffness_ * miss_, old).storeTo(tether_);
+    better_multiplier_ = select(lanes, old + tether_stiffness_ * miss_, better_multiplier_);
     return (tether_stiffness_ > V{}) & (squaredNorm(miss_) > real(tolerance * tolerance));
+  }
+  void adoptConstraints(Mask lanes) {
+    select(lanes, better_multiplier_, Vector::loadFrom(tether_)).storeTo(tether_);
   }
 
   void restoreConstraints() { first_multiplier_.storeTo(tether_); }
+
+  /// As RodKernel's, about each edge's first axis.
+  void writeNudge() {
+    for (int i = 0; i < n_ - 1; ++i) {
+      store<V>(update_ + i * 3 * kLanes, real(kNudge * (n_ - 1 - i) / (n_ - 1)));
+      store<V>(update_ + (i * 3 + 1) * kLanes, V{});
+      store<V>(update_ + (i * 3 + 2) * kLanes, V{});
+    }
+  }
 
   V lowestHeight() const {
     V height = root_position_.z, lowest = height;
@@ -319,10 +332,15 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
 
   void finish(const double* pivot, Real* wrench) {
     if constexpr (Potential::kPresent) potential_.finish();
-    const V from_way = real(step_.from_way), from_displacement = real(step_.from_displacement),
-            from_velocity = real(step_.from_velocity);
-    const V root_weight = real(step_.inertia) * load<V>(mass_);
-    (root_weight * (root_displacement_ - Vector::loadFrom(target_))).storeTo(gradient_);
+    better_multiplier_.storeTo(tether_);
+    const V from_way = step_.from_way, from_displacement = step_.from_displacement,
+            from_velocity = step_.from_velocity;
+    const Mask restart = step_.restart > V{};
+    const V root_weight = step_.inertia * load<V>(mass_);
+    Vector root_gradient = root_weight * (root_displacement_ - Vector::loadFrom(target_));
+    if constexpr (ActsOnRoot<Potential, V>::value)
+      potential_.addToRoot(root_displacement_, root_gradient);
+    root_gradient.storeTo(gradient_);
     Vector force{}, torque{};
     const Vector centre = wrench ? Vector{real(pivot[0]), real(pivot[1]), real(pivot[2])} : Vector{};
     Vector way = root_displacement_, position = root_position_;
@@ -338,11 +356,11 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
       }
       const int at = node * kVector;
       const Vector old_velocity = Vector::loadFrom(velocity_ + at);
-      old_velocity.storeTo(previous_velocity_ + at);
       const Vector velocity =
           from_way * way +
           (from_displacement * Vector::loadFrom(displacement_ + at) + from_velocity * old_velocity);
       velocity.storeTo(velocity_ + at);
+      select(restart, velocity, old_velocity).storeTo(previous_velocity_ + at);
       way.storeTo(displacement_ + at);
       position.storeTo(position_ + at);
       if (wrench) {
@@ -368,7 +386,7 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
   const Real *joint_, *mass_;
   Real *edge_, *frame_, *position_, *displacement_, *velocity_, *previous_velocity_, *tether_;
   Real *target_, *gradient_, *update_, *factor_;
-  const StepCoefficients& step_;
+  const StepCoefficientsOf<V>& step_;
   double gravity_;
   V round_;  // of jointStrain
   V length_;
@@ -376,7 +394,7 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
   Rotation clamp_, end_frame_;
   Vector end_position_;
   V tether_stiffness_;
-  Vector first_multiplier_, miss_{};
+  Vector first_multiplier_, better_multiplier_{}, miss_{};
 };
 
 }  // namespace calligraphy_brush

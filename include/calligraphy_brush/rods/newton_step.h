@@ -1,6 +1,8 @@
 #pragma once
 
 #include <limits>
+#include <type_traits>
+#include <utility>
 
 #include "calligraphy_brush/common/lanes.h"
 
@@ -18,8 +20,8 @@ struct SolverSettings {
 struct SolveReport {
   int iterations = 0;       ///< summed over rods
   int most_iterations = 0;  ///< of one rod
-  int unconverged = 0;      ///< rods that ended at max_iterations
-  bool refused = false;     ///< NoPotential's floor was crossed; the state is as it was
+  int unconverged = 0;      ///< rods whose step is not within the tolerances
+  bool refused = false;     ///< the potential's floor was crossed; the state is as it was
 };
 
 /// A potential that sees single nodes, such as the sheet, has kPresent = true and
@@ -31,16 +33,38 @@ struct SolveReport {
 ///   void addHessian(int node, Symmetric3<V>& hessian);   [N/m]
 ///   MaskOf<V> pieceChanged();    whether the last pass over the nodes was on another piece of the
 ///                                potential (touching or not, sticking or sliding) than the one before
-///   MaskOf<V> update(double tolerance, MaskOf<V> lanes);   better multipliers after a solve; the
+///   MaskOf<V> absent();          lanes in which it was zero, all along the rod, in the last pass
+///   void begin();                before the first pass of a step
+///   MaskOf<V> admit(V lowest);   rods that were solved without it and must be solved with it, since
+///                                their lowest node ended at this height [m]
+///   MaskOf<V> update(double tolerance, MaskOf<V> lanes);   finds better multipliers after a solve; the
 ///                                lanes whose residual was above `tolerance` [m]
+///   void adopt(MaskOf<V> lanes);                    these solve again, with their better multipliers
 ///   void finish();                                  the step has ended
+///   static constexpr bool kHasFloor;                whether it is one for rods above a floor, as below
+///
+/// One that also acts on the root has addToRoot(way, gradient).
+///
+/// A lane that does not solve again keeps the multipliers that its last solve felt until the step has
+/// ended, so that rounds of its neighbours change nothing of it, not even the forces it reports.
 ///
 /// NoPotential is the absence of one, for rods above `floor` [m]. A step that would take a node
-/// below it is not taken at all, so that leaving out what is there never changes a result.
+/// below it is not taken at all, so that leaving out what is there never changes a result; `below`
+/// receives a 1 for every lane that would go there, else 0.
+template <class Real>
 struct NoPotential {
   static constexpr bool kPresent = false;
+  static constexpr bool kHasFloor = true;
   double floor;
+  Real* below;
 };
+
+template <class Potential, class V, class = void>
+struct ActsOnRoot : std::false_type {};
+template <class Potential, class V>
+struct ActsOnRoot<Potential, V,
+                  std::void_t<decltype(std::declval<const Potential&>().addToRoot(
+                      std::declval<const Vec3<V>&>(), std::declval<Vec3<V>&>()))>> : std::true_type {};
 
 /// The part of an implicit step that does not ask what a rod is: Newton's method with an energy line
 /// search, lane by lane, and the rounds of better multipliers around it.
@@ -55,8 +79,10 @@ struct NoPotential {
 ///   V solveForUpdate(V scale);  next_ = trial_ + scale · Newton's update, evaluated; trial_ itself, to
 ///                               the bit, where scale is 0. Returns the largest turn of an edge [rad]
 ///   void retryUpdate(V scale);  the same with the update that is known
+///   void writeNudge();          a small update to one side, for retryUpdate
 ///   static constexpr bool kConstrained;   whether it has constraints with multipliers of its own, and
-///   Mask updateConstraints(double tolerance, Mask lanes);   as Potential::update
+///   Mask updateConstraints(double tolerance, Mask lanes);   as Potential::update, and
+///   void adoptConstraints(Mask lanes);                      as Potential::adopt
 ///   void restoreConstraints();                              to what they were before the step
 ///   V lowestHeight();           of a node of trial_ [m]
 ///   void finish(const double* pivot, Real* wrench);   moves the state to the end of the step
@@ -76,6 +102,7 @@ class NewtonStep {
 
   static CALLIGRAPHY_INLINE V real(double value) { return broadcast<V>(static_cast<Real>(value)); }
   static constexpr int kVector = 3 * kLanes;  // distance of two nodes in a vector field
+  static constexpr double kNudge = 1e-3;      // turn of the first edge off a ridge [rad]
 
   SolveReport run(const SolverSettings& settings, const double* pivot, Real* wrench) {
     SolveReport report;
@@ -86,6 +113,13 @@ class NewtonStep {
     Mask wanted = !nobody, converged = nobody;
     for (int round = 0; round < settings.max_multiplier_updates; ++round) {
       converged = select(wanted, newton(settings, wanted, iterations), converged);
+      if constexpr (Potential::kPresent)
+        if (round == 0 && any(potential_.admit(self().lowestHeight()))) {
+          potential_.begin();
+          self().predict();
+          iterations = V{};
+          converged = newton(settings, wanted, iterations);
+        }
       Mask open = nobody;
       if constexpr (Potential::kPresent) open = potential_.update(settings.contact_tolerance, wanted);
       if constexpr (Kernel::kConstrained)
@@ -93,11 +127,15 @@ class NewtonStep {
       wanted = wanted & open;
       // The last solve stands, with the forces that it felt.
       if (!any(wanted) || round + 1 == settings.max_multiplier_updates) break;
+      if constexpr (Potential::kPresent) potential_.adopt(wanted);
+      if constexpr (Kernel::kConstrained) self().adoptConstraints(wanted);
       self().evaluate();
     }
-    if constexpr (!Potential::kPresent) {
-      report.refused = any(self().lowestHeight() < real(potential_.floor));
+    if constexpr (Potential::kHasFloor) {
+      const Mask below = self().lowestHeight() < real(potential_.floor);
+      report.refused = any(below);
       if (report.refused) {
+        store<V>(potential_.below, select(below, one, V{}));
         if constexpr (Kernel::kConstrained) self().restoreConstraints();
         return report;
       }
@@ -107,6 +145,7 @@ class NewtonStep {
     alignas(64) Real counts[kWidth];
     alignas(64) Real done[kWidth];
     store<V>(counts, iterations);
+    if (settings.max_multiplier_updates > 1) converged = converged & !wanted;
     store<V>(done, select(converged, one, V{}));
     for (int k = 0; k < kWidth && k < rods_here_; ++k) {
       const int count = static_cast<int>(counts[k]);
@@ -126,13 +165,16 @@ class NewtonStep {
     const double least = rounding * rounding;
     const V tolerance = real(settings.tolerance > least ? settings.tolerance : least);
     const V zero{}, one = real(1);
-    Mask converged = zero > one;
+    const Mask nobody = zero > one;
+    V last_largest{};
+    Mask converged = nobody, nudged = nobody;
     for (int iteration = 0; iteration < settings.max_iterations; ++iteration) {
       iterations = iterations + select(active, one, zero);
       V decrement{};
       // As near to Newton as the curvature allows: a majorant creeps where a rod buckles.
       V majorant{};
       Mask failed = active & self().sweep(majorant, decrement);
+      const Mask indefinite = failed;
       for (const double part : {0.1, 0.4, 1.0}) {
         if (!any(failed)) break;
         majorant = select(failed, real(part), majorant);
@@ -142,11 +184,15 @@ class NewtonStep {
       const V energy_before = energy_;
       V scale = select(active, one, zero);
       const V largest = self().solveForUpdate(scale);
-      // Where the update is tiny the energies differ by rounding only, and Newton is right; over a
-      // kink of the potential not even then.
-      Mask surely_downhill = largest <= real(1e-3);
-      if constexpr (Potential::kPresent)
-        surely_downhill = (largest * largest < tolerance) & !potential_.pieceChanged();
+      // Where the update is tiny the energies differ by rounding only, and Newton is right. Over a kink
+      // of the potential it is not even then, and next to one only where the update is tinier still.
+      Mask smooth = !nobody, same_piece = !nobody;
+      if constexpr (Potential::kPresent) {
+        smooth = potential_.absent();
+        same_piece = !potential_.pieceChanged();
+      }
+      const Mask tiny = largest * largest < tolerance;
+      const Mask surely_downhill = same_piece & (tiny | (smooth & (largest <= real(1e-3))));
       const V slack = real(16) * broadcast<V>(std::numeric_limits<Real>::epsilon()) *
                       max(energy_before, -energy_before);
       const auto isUphill = [&] {
@@ -164,9 +210,27 @@ class NewtonStep {
       next_ = trial_;
       trial_ = accepted;
 
-      Mask done = (largest * largest < tolerance) & !shortened;
-      if constexpr (Potential::kPresent)
-        done = done & ((largest < tolerance) | !potential_.pieceChanged());
+      Mask done = tiny & !shortened;
+      if constexpr (Potential::kPresent) {
+        // Newton's model promises half the decrement. Friction that now points the other way, on the
+        // same piece, breaks the promise, and next time turns back by as much.
+        const V broken = energy_ - energy_before + real(0.5) * decrement;
+        const Mask kept = smooth | (max(broken, -broken) <= real(0.25) * decrement + slack) |
+                          (largest < real(0.25) * last_largest);
+        done = done & ((largest < tolerance) | (same_piece & kept));
+      }
+      last_largest = largest;
+      // At rest on a ridge, such as a straight rod that is pressed along its axis: off to one side.
+      const Mask ridge = active & done & indefinite & !nudged;
+      if (any(ridge)) {
+        self().writeNudge();
+        self().retryUpdate(select(ridge, one, zero));
+        Real* const off = next_;
+        next_ = trial_;
+        trial_ = off;
+        nudged = nudged | ridge;
+        done = done & !ridge;
+      }
       converged = converged | (active & done);
       active = active & !done & (scale > zero);
       if (!any(active)) break;

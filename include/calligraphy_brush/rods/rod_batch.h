@@ -29,6 +29,9 @@ struct RodBatchState {
   AlignedVector<Real> displacement;       ///< x_i − its value a step before [m], [node][3][lane]
   AlignedVector<Real> velocity;           ///< [m/s], [node][3][lane]
   AlignedVector<Real> previous_velocity;  ///< velocity a step before [m/s], [node][3][lane]
+
+  /// Edges from which the next solve begins, as `edge`; empty: it extrapolates the motion.
+  AlignedVector<Real> guess;
 };
 
 /// What the handle asks of the clamps in a step, [component][lane].

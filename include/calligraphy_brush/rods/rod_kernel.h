@@ -28,7 +28,8 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
   using Base = NewtonStep<RodKernel, V, Potential>;
   friend Base;
   static constexpr bool kConstrained = false;
-  using Base::energy_, Base::kVector, Base::next_, Base::potential_, Base::real, Base::trial_;
+  using Base::energy_, Base::kNudge, Base::kVector, Base::next_, Base::potential_, Base::real,
+      Base::trial_;
 
  public:
   using Real = typename Base::Real;
@@ -39,7 +40,7 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
   /// of the step. `wrench`, if not null, receives [force x y z, torque x y z about `pivot`][lane] that
   /// each rod puts on its clamp [N, N m].
   static SolveReport solve(const RodBatchModel<Real>& model, const RodBatchRoots<Real>& roots,
-                           const StepCoefficients& step, double law, double gravity,
+                           const StepCoefficientsOf<V>& step, double law, double gravity,
                            const SolverSettings& settings, int lane, Potential& potential,
                            RodBatchWorkspace<Real>& workspace, RodBatchState<Real>& state,
                            const double* pivot, Real* wrench) {
@@ -49,8 +50,8 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
 
  private:
   RodKernel(const RodBatchModel<Real>& model, const RodBatchRoots<Real>& roots,
-            const StepCoefficients& step, double law, double gravity, int lane, Potential& potential,
-            RodBatchWorkspace<Real>& workspace, RodBatchState<Real>& state)
+            const StepCoefficientsOf<V>& step, double law, double gravity, int lane,
+            Potential& potential, RodBatchWorkspace<Real>& workspace, RodBatchState<Real>& state)
       : Base(potential, model.rod_count - lane, workspace.trial_edge.data() + lane,
              workspace.next_edge.data() + lane),
         n_(model.node_count),
@@ -61,6 +62,7 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
         displacement_(state.displacement.data() + lane),
         velocity_(state.velocity.data() + lane),
         previous_velocity_(state.previous_velocity.data() + lane),
+        guess_(state.guess.empty() ? nullptr : state.guess.data() + lane),
         target_(workspace.target.data() + lane),
         gradient_(workspace.gradient.data() + lane),
         update_(workspace.update.data() + lane),
@@ -79,8 +81,8 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
 
   /// Fills target_, and guesses the shape at the end of the step: edges go on turning as they did.
   void predict() {
-    const V k_displacement = real(step_.displacement), k_velocity = real(step_.velocity),
-            k_previous = real(step_.previous_velocity), fall = real(-step_.gravity * gravity_);
+    const V k_displacement = step_.displacement, k_velocity = step_.velocity,
+            k_previous = step_.previous_velocity, fall = step_.gravity * real(-gravity_);
     const auto target = [&](int node, const Vector& d) {
       const Vector v = Vector::loadFrom(velocity_ + node * kVector);
       const Vector v_previous = Vector::loadFrom(previous_velocity_ + node * kVector);
@@ -95,6 +97,11 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
     walk([&](int i) {
       const Vector d = Vector::loadFrom(displacement_ + (i + 1) * kVector);
       target(i + 1, d);
+      if (guess_) {
+        const Vector known = Vector::loadFrom(guess_ + i * kVector);
+        known.storeTo(trial_ + i * kVector);
+        return known;
+      }
       const Vector turn = d - before;
       before = d;
       const Vector e = Vector::loadFrom(edge_ + i * kVector);
@@ -114,7 +121,7 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
   /// Φ and its gradient along the rod whose edges are edge(0), edge(1), ...
   template <class Edge>
   CALLIGRAPHY_INLINE void walk(Edge&& edge) {
-    const V weight = real(step_.inertia), half = real(0.5);
+    const V weight = step_.inertia, half = real(0.5);
     V bending{}, inertia{}, contact{};
     Vector before = clamp_, way = root_displacement_;
     if constexpr (Potential::kPresent) potential_.beginPass();
@@ -162,7 +169,7 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
   Mask sweep(V majorant, V& decrement) {
     writeJoints(majorant);
 
-    const V weight = real(step_.inertia), zero{}, one = real(1);
+    const V weight = step_.inertia, zero{}, one = real(1);
     const V least_pivot = real(8) * broadcast<V>(std::numeric_limits<Real>::epsilon());
     Mask failed = zero > one;
     V spent{};
@@ -340,6 +347,14 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
     });
   }
 
+  /// A turn by kNudge at the root, less and less towards the tip.
+  void writeNudge() {
+    for (int i = 0; i < n_ - 1; ++i) {
+      store<V>(update_ + i * 2 * kLanes, real(kNudge * (n_ - 1 - i) / (n_ - 1)) * length_);
+      store<V>(update_ + i * 2 * kLanes + kLanes, V{});
+    }
+  }
+
   V lowestHeight() const {
     V height = root_position_.z, lowest = height;
     for (int i = 0; i < n_ - 1; ++i) {
@@ -352,10 +367,14 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
   /// Moves the state to the end of the step.
   void finish(const double* pivot, Real* wrench) {
     if constexpr (Potential::kPresent) potential_.finish();
-    const V from_way = real(step_.from_way), from_displacement = real(step_.from_displacement),
-            from_velocity = real(step_.from_velocity);
-    const V root_weight = real(step_.inertia) * load<V>(mass_);
-    Vector((root_weight * (root_displacement_ - Vector::loadFrom(target_)))).storeTo(gradient_);
+    const V from_way = step_.from_way, from_displacement = step_.from_displacement,
+            from_velocity = step_.from_velocity;
+    const Mask restart = step_.restart > V{};
+    const V root_weight = step_.inertia * load<V>(mass_);
+    Vector root_gradient = root_weight * (root_displacement_ - Vector::loadFrom(target_));
+    if constexpr (ActsOnRoot<Potential, V>::value)
+      potential_.addToRoot(root_displacement_, root_gradient);
+    root_gradient.storeTo(gradient_);
     Vector force{}, torque{};
     const Vector centre = wrench ? Vector{real(pivot[0]), real(pivot[1]), real(pivot[2])} : Vector{};
     Vector way = root_displacement_, position = root_position_;
@@ -369,11 +388,11 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
       }
       const int at = node * kVector;
       const Vector old_velocity = Vector::loadFrom(velocity_ + at);
-      old_velocity.storeTo(previous_velocity_ + at);
       const Vector velocity =
           from_way * way +
           (from_displacement * Vector::loadFrom(displacement_ + at) + from_velocity * old_velocity);
       velocity.storeTo(velocity_ + at);
+      select(restart, velocity, old_velocity).storeTo(previous_velocity_ + at);
       way.storeTo(displacement_ + at);
       position.storeTo(position_ + at);
       if (wrench) {
@@ -391,8 +410,9 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
   int n_;
   const Real *spring_, *mass_;
   Real *edge_, *position_, *displacement_, *velocity_, *previous_velocity_;
+  const Real* guess_;
   Real *target_, *gradient_, *update_, *factor_;
-  const StepCoefficients& step_;
+  const StepCoefficientsOf<V>& step_;
   double gravity_;
   V law_;  // p of bendingTerms
   V length_, inverse_length_, inverse_length_squared_;

@@ -17,6 +17,7 @@ struct RodParameters {
   double gravity = 9.81;
   double tolerance = 1e-6;
   int max_iterations = 50;
+  double sleep = 1e-7;
   int threads = 1;
   std::string instruction_set = "best";
 
@@ -44,6 +45,9 @@ struct RodParameters {
           "Error of an edge's direction at which a step's Newton iteration ends.");
     visit("max_iterations", self.max_iterations, Range{1, 10000}, "1",
           "Newton iterations after which a step is taken as it is and reported as not converged.");
+    visit("sleep", self.sleep, Range{0.0, 1e-3}, "m",
+          "Rods rest unsolved, 16 together, once none of their nodes has moved so far in 32 steps under "
+          "a handle at rest, until anything changes; 0: never.");
     visit("threads", self.threads, Range{1, 256}, "1",
           "Threads that solve rods; the result does not depend on it.");
     visit("instruction_set", self.instruction_set, Choices{"best", "baseline", "avx2", "avx512"}, "1",

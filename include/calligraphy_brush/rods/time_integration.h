@@ -1,5 +1,7 @@
 #pragma once
 
+#include "calligraphy_brush/common/lanes.h"
+
 namespace calligraphy_brush {
 
 /// A stage of a time integration as one minimisation.
@@ -12,16 +14,40 @@ namespace calligraphy_brush {
 ///
 /// target = displacement d₋ + velocity v₋ + previous_velocity v₋₋ + gravity g, where − marks values
 /// one stage old and −− two. Gravity is part of the target, so damping leaves the static shape alone.
-struct StepCoefficients {
-  double inertia;            ///< [1/s²]
-  double displacement;       ///< [1]
-  double velocity;           ///< [s]
-  double previous_velocity;  ///< [s]
-  double gravity;            ///< [s²]
-  double from_way;           ///< [1/s]
-  double from_displacement;  ///< [1/s]
-  double from_velocity;      ///< [1]
+///
+/// V: double, or lanes where rods take their step by different schemes.
+template <class V>
+struct StepCoefficientsOf {
+  V inertia;            ///< [1/s²]
+  V displacement;       ///< [1]
+  V velocity;           ///< [s]
+  V previous_velocity;  ///< [s]
+  V gravity;            ///< [s²]
+  V from_way;           ///< [1/s]
+  V from_displacement;  ///< [1/s]
+  V from_velocity;      ///< [1]
+  V restart;            ///< 1: v₋ becomes v as well, so that BDF2 goes on with this step's momentum; 0
 };
+using StepCoefficients = StepCoefficientsOf<double>;
+
+/// Those of `calm` where the mask is set, else of `usual`.
+template <class V, class Mask>
+StepCoefficientsOf<V> laneCoefficients(const StepCoefficients& usual, const StepCoefficients& calm,
+                                       Mask is_calm) {
+  const auto pick = [&](double StepCoefficients::*member) {
+    return select(is_calm, broadcast<V>(static_cast<RealOf<V>>(calm.*member)),
+                  broadcast<V>(static_cast<RealOf<V>>(usual.*member)));
+  };
+  return {pick(&StepCoefficients::inertia),
+          pick(&StepCoefficients::displacement),
+          pick(&StepCoefficients::velocity),
+          pick(&StepCoefficients::previous_velocity),
+          pick(&StepCoefficients::gravity),
+          pick(&StepCoefficients::from_way),
+          pick(&StepCoefficients::from_displacement),
+          pick(&StepCoefficients::from_velocity),
+          pick(&StepCoefficients::restart)};
+}
 
 /// Backward Euler over h [s] > 0 with damping c [1/s] ≥ 0: v = d/h, a = (v − v₋)/h. First order.
 inline StepCoefficients backwardEuler(double h, double damping) {
@@ -31,6 +57,13 @@ inline StepCoefficients backwardEuler(double h, double damping) {
   k.velocity = rate / k.inertia;
   k.gravity = 1.0 / k.inertia;
   k.from_way = rate;
+  return k;
+}
+
+/// Backward Euler in between steps of BDF2. What BDF2 takes for momentum is m (3v − v₋)/2.
+inline StepCoefficients calmStep(double h, double damping) {
+  StepCoefficients k = backwardEuler(h, damping);
+  k.restart = 1.0;
   return k;
 }
 

@@ -2,8 +2,10 @@
 
 #include <string>
 
+#include "calligraphy_brush/contact/bundle_pull.h"
 #include "calligraphy_brush/contact/paper_contact.h"
 #include "calligraphy_brush/rods/framed_kernel.h"
+#include "calligraphy_brush/rods/node_springs.h"
 #include "calligraphy_brush/rods/rod_kernel.h"
 
 namespace calligraphy_brush {
@@ -22,7 +24,10 @@ struct RodStep {
   FramedRods<Real>* framed;          ///< null: rods that need no material frames
   RodBatchState<Real>& state;
   RodBatchWorkspace<Real>& workspace;
-  Real* wrench;  ///< see RodKernel::solve; may be null
+  Real* wrench;                                         ///< see RodKernel::solve; may be null
+  const StepCoefficients* calm_coefficients = nullptr;  ///< for rods that ask for them
+  const Real* calm = nullptr;     ///< 1 where a rod takes calm_coefficients, else 0, [lane]; may be null
+  const Real* springs = nullptr;  ///< what ties the nodes to other rods, see NodeSprings; null: nothing
 };
 
 /// A compiled form of the step for one instruction set.
@@ -30,9 +35,13 @@ struct RodStepKernel {
   const char* name;  ///< "avx512", "avx2", "baseline"
   SolveReport (*single)(const RodStep<float>&);
   SolveReport (*twice)(const RodStep<double>&);  ///< double precision
+  void (*pullSingle)(BundleContact<float>&);     ///< BundlePull::pull
+  void (*pullTwice)(BundleContact<double>&);
 
   SolveReport operator()(const RodStep<float>& step) const { return single(step); }
   SolveReport operator()(const RodStep<double>& step) const { return twice(step); }
+  void pull(BundleContact<float>& contact) const { pullSingle(contact); }
+  void pull(BundleContact<double>& contact) const { pullTwice(contact); }
 };
 
 /// The kernel by its name, or the widest that this processor runs for "best".
@@ -56,29 +65,45 @@ SolveReport solveBatch(const RodStep<RealOf<V>>& step) {
     report.unconverged += part.unconverged;
   };
   for (int lane = 0; lane < step.model.rod_count; lane += widthOf<V>) {
+    const V nobody{};
+    const auto coefficients =
+        step.calm ? laneCoefficients<V>(step.coefficients, *step.calm_coefficients,
+                                        load<V>(step.calm + lane) > nobody)
+                  : laneCoefficients<V>(step.coefficients, step.coefficients, nobody > nobody);
     const auto solveWith = [&](auto& potential) {
       if (step.framed)
         return FramedKernel<V, std::decay_t<decltype(potential)>>::solve(
-            step.model, step.roots, *step.framed, step.coefficients, step.law, step.gravity,
-            step.settings, lane, potential, step.workspace, step.state, step.pivot,
+            step.model, step.roots, *step.framed, coefficients, step.law, step.gravity, step.settings,
+            lane, potential, step.workspace, step.state, step.pivot,
             step.wrench ? step.wrench + lane : nullptr);
       return RodKernel<V, std::decay_t<decltype(potential)>>::solve(
-          step.model, step.roots, step.coefficients, step.law, step.gravity, step.settings, lane,
-          potential, step.workspace, step.state, step.pivot, step.wrench ? step.wrench + lane : nullptr);
+          step.model, step.roots, coefficients, step.law, step.gravity, step.settings, lane, potential,
+          step.workspace, step.state, step.pivot, step.wrench ? step.wrench + lane : nullptr);
+    };
+    const auto solveTied = [&](auto& potential) {
+      if (!step.springs) return solveWith(potential);
+      NodeSprings<V, std::decay_t<decltype(potential)>> tied(potential, step.springs + lane);
+      return solveWith(tied);
     };
     // Rods that touched nothing and end above the sheet have not met it.
-    if (!step.contact || !step.contact->engaged[static_cast<std::size_t>(lane)]) {
-      NoPotential nothing{step.contact ? 0.0 : -std::numeric_limits<double>::max()};
-      const SolveReport air = solveWith(nothing);
+    RealOf<V>* const engaged = step.contact ? step.contact->engaged.data() + lane : nullptr;
+    if (!engaged || !any(load<V>(engaged) > V{})) {
+      NoPotential<RealOf<V>> nothing{engaged ? 0.0 : -std::numeric_limits<double>::max(), engaged};
+      const SolveReport air = solveTied(nothing);
       if (!air.refused) {
         add(air);
         continue;
       }
     }
     PaperContact<V> contact(step.model.node_count, lane, step.state.position.data(), *step.contact);
-    add(solveWith(contact));
+    add(solveTied(contact));
   }
   return report;
+}
+
+template <class Real, int Bytes>
+void pull(BundleContact<Real>& contact) {
+  BundlePull<Lanes<Real, Bytes / static_cast<int>(sizeof(Real))>>::pull(contact);
 }
 
 /// The step in registers of `Bytes` bytes.

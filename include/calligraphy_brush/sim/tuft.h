@@ -16,9 +16,11 @@ namespace calligraphy_brush {
 /// What one step of the tuft did.
 struct TuftReport {
   int solved_rods = 0;
-  int iterations = 0;       ///< Newton iterations, summed over rods
-  int most_iterations = 0;  ///< of one rod
-  int unconverged = 0;      ///< rods that ended at max_iterations
+  int iterations = 0;           ///< Newton iterations, summed over rods
+  int most_iterations = 0;      ///< of one rod
+  int unconverged = 0;          ///< rods that ended at max_iterations
+  int coupling_rounds = 0;      ///< solutions in which rods learnt what their neighbours did
+  double coupling_error = 0.0;  ///< largest error of what they believed in the last one [m]
 };
 
 /// Where a rod is to the sheet after a step.
@@ -53,6 +55,14 @@ class Tuft {
   /// A load on a node [N] from the next step on, until it is set anew; place() takes all loads away.
   /// Throws std::invalid_argument where the scheme takes none.
   virtual void setNodeForce(int rod, int node, const Eigen::Vector3d& force);
+
+  /// Ink at the nodes as a part of what there is room for, [rod · node count + node], from the next step
+  /// on. It is what touching rods cling by.
+  virtual void setInk(const std::vector<double>& saturation);
+  /// Rods that hang together, in the last `part` of their length, after the last step: a label for each
+  /// rod in `group_of_rod`, which has the length of the rods, 0 .. groups − 1. Returns the number of
+  /// groups.
+  virtual int groups(double part, std::vector<int>& group_of_rod) const;
 
   /// Positions of all nodes of a rod in the paper frame [m].
   virtual void readRod(int rod, std::vector<Eigen::Vector3d>& nodes) const = 0;

@@ -1,0 +1,112 @@
+#pragma once
+
+#include "calligraphy_brush/rods/newton_step.h"
+
+namespace calligraphy_brush {
+
+/// Potential of the nodes of a rod whose neighbours are held where they are believed to be: for node i
+///
+///   cᵢ·d + ½ dᵀ Hᵢ d       d: way of the node in the step
+///
+/// on top of the potential Base (a sheet, or none). What couples rods with one another reaches the
+/// kernel only in this form, so its Newton system keeps its structure, and the cost of a rod stays
+/// linear in its nodes. H must be positive semidefinite.
+template <class V, class Base>
+class NodeSprings {
+ public:
+  static constexpr bool kPresent = true;
+  static constexpr bool kHasFloor = Base::kHasFloor;
+  using Real = RealOf<V>;
+  using Mask = MaskOf<V>;
+
+  /// Numbers of a node: c as x, y, z [N], H as xx, xy, xz, yy, yz, zz [N/m].
+  static constexpr int kRows = 9;
+
+  /// springs: [node][kRows][lane], from the lane that `base` begins with.
+  NodeSprings(Base& base, const Real* springs)
+      : floor(floorOf(base)), below(belowOf(base)), base_(base), springs_(springs) {}
+
+  CALLIGRAPHY_INLINE void beginPass() {
+    if constexpr (Base::kPresent) base_.beginPass();
+  }
+
+  CALLIGRAPHY_INLINE V add(int node, const Vec3<V>& way, Vec3<V>& gradient) {
+    const Vec3<V> constant = Vec3<V>::loadFrom(springs_ + node * kRows * kLanes);
+    const Vec3<V> bent = hessian(node) * way;
+    gradient = gradient + constant + bent;
+    V energy = dot(constant + broadcast<V>(Real(0.5)) * bent, way);
+    if constexpr (Base::kPresent) energy = energy + base_.add(node, way, gradient);
+    return energy;
+  }
+
+  /// What the potential pulls the root with, which the clamp has to hold.
+  CALLIGRAPHY_INLINE void addToRoot(const Vec3<V>& way, Vec3<V>& gradient) const {
+    gradient = gradient + Vec3<V>::loadFrom(springs_) + hessian(0) * way;
+  }
+
+  CALLIGRAPHY_INLINE void addHessian(int node, Symmetric3<V>& sum) const {
+    const Symmetric3<V> own = hessian(node);
+    sum.xx = sum.xx + own.xx;
+    sum.xy = sum.xy + own.xy;
+    sum.xz = sum.xz + own.xz;
+    sum.yy = sum.yy + own.yy;
+    sum.yz = sum.yz + own.yz;
+    sum.zz = sum.zz + own.zz;
+    if constexpr (Base::kPresent) base_.addHessian(node, sum);
+  }
+
+  // The springs themselves are smooth: all of this is asked for the sake of the base.
+  CALLIGRAPHY_INLINE Mask pieceChanged() const {
+    if constexpr (Base::kPresent) return base_.pieceChanged();
+    return nobody();
+  }
+  CALLIGRAPHY_INLINE Mask absent() const {
+    if constexpr (Base::kPresent) return base_.absent();
+    return !nobody();
+  }
+  void begin() {
+    if constexpr (Base::kPresent) base_.begin();
+  }
+  Mask admit(V lowest) {
+    if constexpr (Base::kPresent) return base_.admit(lowest);
+    return nobody();
+  }
+  Mask update(double tolerance, Mask lanes) {
+    if constexpr (Base::kPresent) return base_.update(tolerance, lanes);
+    return nobody();
+  }
+  void adopt(Mask lanes) {
+    if constexpr (Base::kPresent) base_.adopt(lanes);
+  }
+  void finish() {
+    if constexpr (Base::kPresent) base_.finish();
+  }
+
+  const double floor;
+  Real* const below;
+
+ private:
+  static double floorOf(const Base& base) {
+    if constexpr (Base::kHasFloor) return base.floor;
+    return 0.0;
+  }
+  static Real* belowOf(const Base& base) {
+    if constexpr (Base::kHasFloor) return base.below;
+    return nullptr;
+  }
+  static CALLIGRAPHY_INLINE Mask nobody() { return V{} > broadcast<V>(1); }
+  CALLIGRAPHY_INLINE Symmetric3<V> hessian(int node) const {
+    const Real* in = springs_ + (node * kRows + 3) * kLanes;
+    return {load<V>(in),
+            load<V>(in + kLanes),
+            load<V>(in + 2 * kLanes),
+            load<V>(in + 3 * kLanes),
+            load<V>(in + 4 * kLanes),
+            load<V>(in + 5 * kLanes)};
+  }
+
+  Base& base_;
+  const Real* springs_;
+};
+
+}  // namespace calligraphy_brush
