@@ -1,13 +1,19 @@
 #include "calligraphy_brush/sim/simulator.h"
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <limits>
 
+#include "calligraphy_brush/ink/capillary_flow.h"
 #include "calligraphy_brush/ink/tip_ink.h"
 #include "calligraphy_brush/sim/tuft.h"
 
 namespace calligraphy_brush {
 namespace {
+
+// Of simulated time between two calls of Paper::flow(), which divides it as it must [s].
+constexpr double kFlowInterval = 0.016;
 
 /// Adds the wall time of a scope to a stage. Time is only ever reported: nothing depends on it.
 class StageTimer {
@@ -38,6 +44,8 @@ const char* toString(Stage stage) {
     case Stage::kMoveRoots: return "move_roots";
     case Stage::kSolveRods: return "solve_rods";
     case Stage::kTransferInk: return "transfer_ink";
+    case Stage::kFlowInk: return "flow_ink";
+    case Stage::kFlowPaper: return "flow_paper";
     case Stage::kCount: break;
   }
   return "unknown";
@@ -48,21 +56,46 @@ struct Simulator::Implementation {
       : parameters(p),
         brush(std::move(b)),
         step_ns(std::llround(p.rods.time_step * 1e9)),
+        flow_steps(std::max<std::int64_t>(1, std::llround(kFlowInterval * 1e9 / double(step_ns)))),
         tuft(makeTuft(brush, p.rods, p.contact)),
         track(p.motion),
         ink(brush, p.ink),
-        paper(p.paper) {
+        capillary_flow(brush, p.ink),
+        paper(p.paper),
+        nodes(static_cast<std::size_t>(ink.nodeCount())),
+        push(static_cast<std::size_t>(ink.nodeCount())) {
+    if (parameters.contact.bundles) tellInk();
     startReport();
+  }
+
+  void reportInk() {
+    report.ink_in_tip = ink.totalVolume();
+    report.pigment_in_tip = ink.totalPigment();
   }
 
   void startReport() {
     report = SimulatorReport{};
     report.ink_capacity = ink.totalCapacity();
-    report.ink_in_tip = ink.totalVolume();
+    reportInk();
   }
 
   void liftAll() {
     for (int rod = 0; rod < static_cast<int>(brush.rods.size()); ++rod) ink.lift(rod);
+  }
+
+  /// Whether nothing is known of the way to a pose that is fit to be added: the brush is put down there.
+  bool isNewStart(const HandlePose& pose) const {
+    const MotionParameters& motion = parameters.motion;
+    const HandlePose& before = track.newest();
+    if (pose.stamp_ns <= before.stamp_ns) return false;
+    const double gap = 1e-9 * static_cast<double>(pose.stamp_ns - before.stamp_ns);
+    if (gap <= motion.hold_after) return false;
+    const Eigen::Vector3d point_H(0.0, 0.0, -brush.tip_length);
+    const Eigen::Vector3d point_P = pose.position + pose.orientation.normalized() * point_H;
+    const Eigen::Vector3d point_before_P = before.position + before.orientation * point_H;
+    const double moved =
+        std::max((pose.position - before.position).norm(), (point_P - point_before_P).norm());
+    return gap > motion.max_gap || moved > motion.hold_distance;
   }
 
   /// The time step, in order.
@@ -71,6 +104,8 @@ struct Simulator::Implementation {
     moveRoots();
     solveRods();
     transferInk();
+    flowInk();
+    flowPaper();
     ++report.step_count;
   }
 
@@ -97,32 +132,88 @@ struct Simulator::Implementation {
     const StageTimer timer(report, Stage::kTransferInk);
     report.touching_rods = report.touching_nodes = 0;
     report.max_penetration = 0.0;
+    ink.pass(step_ns);
+    const bool due = isDrawingDue();
+    if (due) paper.beginContact();
+    bool transferred = false;
     for (int rod = 0; rod < static_cast<int>(brush.rods.size()); ++rod) {
       const RodOnPaper place = tuft->rodOnPaper(rod);
       report.touching_nodes += place.touching;
       report.touching_rods += place.touching > 0;
       report.max_penetration = std::max(report.max_penetration, -place.lowest);
-      if (place.lowest > ink.reach(rod)) {
-        ink.lift(rod);
-      } else {
+      const bool is_near = place.lowest <= ink.reach(rod);
+      const bool was_down = ink.isDown(rod);
+      if (!is_near && !was_down) continue;
+      if (!was_down) {
         tuft->readRod(rod, nodes);
-        ink.transfer(rod, nodes, paper);
+        ink.touch(rod, nodes);
+      } else if (due || !is_near) {
+        tuft->readRod(rod, nodes);
+        for (int node = 0; node < nodeCount(); ++node)
+          push[static_cast<std::size_t>(node)] =
+              place.touching > 0 ? tuft->contactForce(rod, node).z() : 0.0;
+        ink.transfer(rod, nodes, push, paper);
+        transferred = true;
+        if (!is_near) ink.lift(rod);
       }
     }
-    report.ink_in_tip = ink.totalVolume();
+    if (transferred) reportInk();
+  }
+
+  /// Rods are drawn when the brush has moved so far or so much time has passed, all together. What a rod
+  /// sweeps in between is filled exactly, so this depends on neither time step nor resolution.
+  bool isDrawingDue() {
+    constexpr double kDrawnWay = 1.5e-3;  // [m]
+    constexpr std::int64_t kDrawnTime_ns = 7500000;
+    const double turn = brush.tip_length * handle.orientation.angularDistance(drawn.orientation);
+    const bool due = time_ns - drawn.stamp_ns >= kDrawnTime_ns || time_ns < drawn.stamp_ns ||
+                     (handle.position - drawn.position).norm() + turn >= kDrawnWay;
+    if (due) {
+      drawn = handle;
+      drawn.stamp_ns = time_ns;
+    }
+    return due;
+  }
+  int nodeCount() const { return ink.nodeCount(); }
+
+  bool isFlowDue() const { return (report.step_count + 1) % flow_steps == 0; }
+  double flowSeconds() const { return 1e-9 * static_cast<double>(flow_steps * step_ns); }
+
+  void flowInk() {
+    if (!isFlowDue()) return;
+    const StageTimer timer(report, Stage::kFlowInk);
+    capillary_flow.flow(flowSeconds(), ink);
+    if (parameters.contact.bundles) tellInk();
+  }
+  /// Lets the rods know by how much ink they cling.
+  void tellInk() {
+    saturation.resize(ink.volume().size());
+    for (std::size_t i = 0; i < saturation.size(); ++i)
+      saturation[i] = ink.capacity()[i] > 0.0 ? ink.volume()[i] / ink.capacity()[i] : 0.0;
+    tuft->setInk(saturation);
+  }
+
+  void flowPaper() {
+    const StageTimer timer(report, Stage::kFlowPaper);
+    if (isFlowDue()) paper.flow(flowSeconds());
   }
 
   SimulatorParameters parameters;
   BrushModel brush;
   std::int64_t step_ns;
+  std::int64_t flow_steps;  // after which the sheet is moved on
   std::unique_ptr<Tuft> tuft;
   PoseTrack track;
   TipInk ink;
+  CapillaryFlow capillary_flow;
   Paper paper;
   SimulatorReport report;
   std::int64_t time_ns = 0;
   HandlePose handle;
+  HandlePose drawn;                    // when rods were last drawn
   std::vector<Eigen::Vector3d> nodes;  // scratch
+  std::vector<double> push;            // scratch
+  std::vector<double> saturation;      // scratch
 };
 
 Simulator::Simulator(const SimulatorParameters& parameters) {
@@ -141,18 +232,33 @@ Simulator& Simulator::operator=(Simulator&&) noexcept = default;
 
 PoseVerdict Simulator::addPose(const HandlePose& pose) {
   Implementation& s = *implementation_;
-  const auto max_gap_ns = static_cast<std::int64_t>(s.parameters.motion.max_gap * 1e9);
-  if (!s.track.empty() && pose.stamp_ns > s.track.newest().stamp_ns &&
-      pose.stamp_ns - s.track.newest().stamp_ns > max_gap_ns &&
-      s.track.checkAlone(pose) == PoseVerdict::kAccepted) {
+  bool after_gap = false;
+  if (!s.track.empty() && s.track.checkAlone(pose) == PoseVerdict::kAccepted && s.isNewStart(pose)) {
     advance();
     s.track.clear();
+    after_gap = true;
   }
   const bool first = s.track.empty();
-  const PoseVerdict verdict = s.track.add(pose);
+  // A tuft that is put down where its point would be below the sheet is spread by it as no brush is: it
+  // comes from above, in half of the time that a hold takes at least.
+  if (after_gap) {
+    const double point =
+        (pose.position - pose.orientation.normalized() * Eigen::Vector3d(0.0, 0.0, s.brush.tip_length))
+            .z();
+    HandlePose above = pose;
+    above.stamp_ns -= std::llround(0.5e9 * s.parameters.motion.hold_after);
+    above.position.z() -= point;
+    if (point < 0.0 && s.track.add(above) == PoseVerdict::kAccepted &&
+        s.track.add(pose) != PoseVerdict::kAccepted)
+      s.track.clear();
+  }
+  const PoseVerdict verdict = s.track.empty() ? s.track.add(pose)
+                              : first         ? PoseVerdict::kAccepted
+                                              : s.track.add(pose);
   if (first && verdict == PoseVerdict::kAccepted) {
-    s.handle = s.track.newest();
+    s.handle = s.track.oldest();
     s.time_ns = s.handle.stamp_ns;
+    s.drawn = s.handle;
     s.tuft->place(toIsometry(s.handle));
     s.liftAll();
   }
@@ -160,22 +266,29 @@ PoseVerdict Simulator::addPose(const HandlePose& pose) {
 }
 
 int Simulator::advance() {
+  return advanceTo(std::numeric_limits<std::int64_t>::max());
+}
+
+int Simulator::advanceTo(std::int64_t stamp_ns) {
   Implementation& s = *implementation_;
   if (s.track.empty()) return 0;
+  const std::int64_t end_ns = std::min(stamp_ns, s.track.newest().stamp_ns);
   int steps = 0;
-  for (; s.time_ns + s.step_ns <= s.track.newest().stamp_ns; ++steps) s.step();
+  for (; s.time_ns + s.step_ns <= end_ns; ++steps) s.step();
   s.track.forgetBefore(s.time_ns);
   return steps;
 }
 
 void Simulator::dip() {
   implementation_->ink.dip();
-  implementation_->report.ink_in_tip = implementation_->ink.totalVolume();
+  if (implementation_->parameters.contact.bundles) implementation_->tellInk();
+  implementation_->reportInk();
 }
 
 void Simulator::wipe() {
   implementation_->ink.wipe();
-  implementation_->report.ink_in_tip = implementation_->ink.totalVolume();
+  if (implementation_->parameters.contact.bundles) implementation_->tellInk();
+  implementation_->reportInk();
 }
 
 void Simulator::clearPaper() {
@@ -188,7 +301,8 @@ void Simulator::reset() {
   s.paper.clear();
   s.liftAll();
   s.ink.dip();
-  s.handle = HandlePose{};
+  if (s.parameters.contact.bundles) s.tellInk();
+  s.handle = s.drawn = HandlePose{};
   s.time_ns = 0;
   s.tuft->place(Eigen::Isometry3d::Identity());
   s.startReport();
@@ -237,20 +351,16 @@ Eigen::Vector3d Simulator::nodeContactForce(int rod, int node) const {
 }
 
 double Simulator::rodInk(int rod) const {
-  const double capacity = implementation_->ink.capacity(rod);
-  return capacity > 0.0 ? implementation_->ink.volume(rod) / capacity : 0.0;
+  const double capacity = implementation_->ink.rodCapacity(rod);
+  return capacity > 0.0 ? implementation_->ink.rodVolume(rod) / capacity : 0.0;
 }
 
 std::uint64_t Simulator::stateHash() const {
   const Implementation& s = *implementation_;
   std::uint64_t hash = s.tuft->hash(14695981039346656037ULL);
-  for (int rod = 0; rod < rodCount(); ++rod) {
-    const double volume = s.ink.volume(rod);
-    hash = hashBytes(&volume, sizeof volume, hash);
-  }
-  for (int row = 0; row < s.paper.height_px(); ++row)
-    hash =
-        hashBytes(s.paper.row(row), sizeof(float) * static_cast<std::size_t>(s.paper.width_px()), hash);
+  for (const auto* field : {&s.ink.volume(), &s.ink.pigment()})
+    hash = hashBytes(field->data(), sizeof(double) * field->size(), hash);
+  hash = s.paper.hash(hash);
   return hash;
 }
 

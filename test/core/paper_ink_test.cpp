@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "calligraphy_brush/ink/tip_ink.h"
+#include "calligraphy_brush/paper/unsaturated_flow.h"
 
 using namespace calligraphy_brush;
 
@@ -18,7 +19,32 @@ PaperParameters smallSheet(double px_per_mm = 4) {
   return parameters;
 }
 
+/// Smooth, even, and nothing moves in it.
+PaperParameters plainSheet(double px_per_mm = 4) {
+  PaperParameters parameters = smallSheet(px_per_mm);
+  parameters.roughness = parameters.unevenness = parameters.diffusivity = 0.0;
+  parameters.evaporation = parameters.settling_rate = 0.0;
+  return parameters;
+}
+
+void wait(Paper& paper, double seconds) {
+  for (double t = 0.0; t < seconds - 1e-9; t += 0.016) paper.flow(0.016);
+}
+
+/// Radius of the disc with as much area as there is liquid on, or pigment that shows.
+double radiusOf(const Paper& paper, double least_ink) {
+  double count = 0.0;
+  for (int row = 0; row < paper.height_px(); ++row)
+    for (int column = 0; column < paper.width_px(); ++column)
+      count += double(paper.ink(column, row)) > least_ink;
+  return std::sqrt(count / 3.14159265358979) * paper.pixelSize();
+}
+
+constexpr double kMiddleX = 0.02, kMiddleY = 0.015;
+
 }  // namespace
+
+// ---------------------------------------------------------------- the sheet and its picture
 
 TEST(Paper, HasThePixelsOfItsSize) {
   const Paper paper(smallSheet());
@@ -34,30 +60,28 @@ TEST(Paper, RefusesMorePixelsThanFitInMemory) {
   EXPECT_THROW(Paper{parameters}, ParameterError);
 }
 
-TEST(Paper, CoversTheAreaOfACapsule) {
-  const double radius = 0.002, length = 0.01, thickness = 1e-5;
-  const double area = 3.14159265358979 * radius * radius + 2 * radius * length;
-  for (const double angle : {0.0, 0.3, 0.8, 1.57}) {
-    Paper paper(smallSheet());
-    const double volume = paper.deposit({0.015, 0.012, radius, 0.015 + length * std::cos(angle),
-                                         0.012 + length * std::sin(angle), radius},
-                                        thickness);
-    EXPECT_NEAR(volume / thickness / area, 1.0, 0.005) << angle;
-    EXPECT_NEAR(paper.inkVolume(), volume, 1e-6 * volume);
-  }
+TEST(Paper, TakesMemoryOnlyWhereThereIsInk) {
+  PaperParameters a1;
+  a1.width = 0.594;
+  a1.height = 0.841;
+  a1.px_per_mm = 8.0;
+  Paper paper(a1);
+  EXPECT_EQ(paper.tileCount(), 0);
+  paper.addDisc(0.3, 0.4, 0.001, 1e-6);
+  EXPECT_LE(paper.tileCount(), 4);
 }
 
-TEST(Paper, CoversTheAreaOfALineThinnerThanAPixel) {
-  const double half_width = 0.00003, length = 0.02;  // a quarter of a pixel
+TEST(Paper, HoldsTheDiscThatIsPutOnIt) {
   Paper paper(smallSheet());
-  const double volume =
-      paper.deposit({0.005, 0.0151, half_width, 0.005 + length, 0.0151, half_width}, 1e-5);
-  EXPECT_NEAR(volume / 1e-5 / (2 * half_width * length), 1.0, 0.05);
+  const double volume = paper.addDisc(kMiddleX, kMiddleY, 0.003, 1e-5);
+  EXPECT_NEAR(volume / (3.14159265358979 * 0.003 * 0.003 * 1e-5), 1.0, 0.005);
+  EXPECT_NEAR(paper.inkVolume(), volume, 1e-12 * volume);
+  EXPECT_NEAR(paper.waterVolume(), volume, 1e-12 * volume);
 }
 
 TEST(Paper, DrawsUpwardsAndShowsTheTopRowFirst) {
   Paper paper(smallSheet());
-  paper.deposit({0.001, 0.029, 0.0005, 0.001, 0.029, 0.0005}, 1e-4);  // upper left corner
+  paper.addDisc(0.001, 0.029, 0.0005, 1e-4);  // upper left corner
   EXPECT_GT(paper.ink(4, 116), 0.0F);
   std::vector<std::uint8_t> picture;
   paper.render(picture);
@@ -65,36 +89,253 @@ TEST(Paper, DrawsUpwardsAndShowsTheTopRowFirst) {
   EXPECT_EQ(picture[116 * 160 + 4], 255);
 }
 
-TEST(Paper, NeverLosesInkUnderAThinnerFilm) {
-  Paper paper(smallSheet());
-  paper.deposit({0.02, 0.015, 0.003, 0.02, 0.015, 0.003}, 2e-5);
-  const double before = paper.inkVolume();
-  EXPECT_EQ(paper.deposit({0.02, 0.015, 0.002, 0.02, 0.015, 0.002}, 1e-5), 0.0);
-  EXPECT_EQ(paper.inkVolume(), before);
-}
-
 TEST(Paper, IgnoresWhatIsOffTheSheetOrNotANumber) {
   Paper paper(smallSheet());
-  EXPECT_EQ(paper.deposit({-1, -1, 0.001, -1, -1, 0.001}, 1e-5), 0.0);
-  EXPECT_EQ(paper.deposit({1e30, 0, 0.001, 1e30, 0, 0.001}, 1e-5), 0.0);
-  EXPECT_EQ(paper.deposit({std::nan(""), 0, 0.001, 0, 0, 0.001}, 1e-5), 0.0);
-  EXPECT_EQ(paper.deposit({0.02, 0.015, 0.003, 0.02, 0.015, 0.003}, std::nan("")), 0.0);
+  EXPECT_EQ(paper.addDisc(-1, -1, 0.001, 1e-5), 0.0);
+  EXPECT_EQ(paper.addDisc(1e30, 0, 0.001, 1e-5), 0.0);
+  EXPECT_EQ(paper.addDisc(std::nan(""), 0, 0.001, 1e-5), 0.0);
+  EXPECT_EQ(paper.addDisc(kMiddleX, kMiddleY, 0.003, std::nan("")), 0.0);
+  EXPECT_THROW(paper.setInk(0, 120, 0.0, 0.0), std::invalid_argument);
+  EXPECT_THROW(paper.setInk(0, 0, std::nan(""), 0.0), std::invalid_argument);
+  const float hairs[TouchingPiece::kUnderside] = {};
+  TouchingPiece piece{{-1, 0, 0, 0, 1e-3, 0}, {-1, 0.01, 0, 0, 1e-3, 0}, 0, 1, 1, -1, 1e-5, 1, 1, 1, 1, hairs};
+  EXPECT_EQ(paper.exchange(piece).volume, 0.0);
+  piece.a.x = std::nan("");
+  EXPECT_EQ(paper.exchange(piece).volume, 0.0);
   EXPECT_EQ(paper.inkVolume(), 0.0);
-  EXPECT_GT(paper.deposit({-0.01, 0.015, 0.001, 0.05, 0.015, 0.001}, 1e-5), 0.0);  // right across it
 }
 
-TEST(Paper, DarkensByBeerAndLambert) {
-  PaperParameters parameters = smallSheet();
-  parameters.dark_thickness = 1e-5;
-  for (const double thickness : {1e-6, 5e-6, 1e-5, 3e-5}) {
+TEST(Paper, DarkensByKubelkaAndMunk) {
+  PaperParameters parameters = plainSheet();
+  const double r0 = parameters.green;
+  double before = 1.0;
+  for (const double ink : {2e-7, 1e-6, 5e-6, 3e-5}) {
     Paper paper(parameters);
-    paper.deposit({0.02, 0.015, 0.003, 0.02, 0.015, 0.003}, thickness);
-    std::vector<std::uint8_t> picture;
-    paper.render(picture);
-    EXPECT_NEAR(*std::min_element(picture.begin(), picture.end()), 255 * std::exp(-thickness / 1e-5),
-                0.8);
+    paper.addDisc(kMiddleX, kMiddleY, 0.003, ink);
+    // K/S = (1 − R)² / (2 R), in R of bare paper and in R of ink on it.
+    std::vector<std::uint16_t> mono16;
+    paper.render(mono16);
+    const double r = r0 * *std::min_element(mono16.begin(), mono16.end()) / 65535.0;
+    const double bare = (1 - r0) * (1 - r0) / (2 * r0);
+    const double inked = (1 - r) * (1 - r) / (2 * r);
+    EXPECT_NEAR((inked - bare) / (ink / parameters.dark_thickness / parameters.scattering), 1.0, 2e-3);
+    EXPECT_LT(r / r0, before);
+    before = r / r0;
+    std::vector<std::uint8_t> mono8;
+    paper.render(mono8);
+    EXPECT_NEAR(*std::min_element(mono8.begin(), mono8.end()), 255 * r / r0, 0.51);
   }
 }
+
+TEST(Paper, TransparentInkOverWhiteLooksAsItDoesOnTheSheet) {
+  // Of a sheet that is nearly white.
+  PaperParameters parameters = plainSheet();
+  parameters.red = parameters.green = parameters.blue = 0.999;
+  Paper paper(parameters);
+  for (int i = 0; i < 20; ++i)
+    paper.addDisc(0.002 + 0.0018 * i, kMiddleY, 0.001, 1e-7 * std::pow(1.5, i));
+  std::vector<std::uint8_t> rgb, rgba;
+  paper.renderColour(rgb);
+  paper.renderTransparent(rgba);
+  int clear = 0;
+  for (std::size_t pixel = 0; pixel < rgb.size() / 3; ++pixel) {
+    const double opacity = rgba[4 * pixel + 3] / 255.0;
+    clear += opacity == 0.0;
+    for (std::size_t i = 0; i < 3; ++i)
+      ASSERT_NEAR(opacity * rgba[4 * pixel + i] + 255.0 * (1.0 - opacity), rgb[3 * pixel + i], 1.6);
+  }
+  EXPECT_GT(clear, 1000);
+}
+
+TEST(Paper, ThinInkIsBrownishAndBarePaperHasItsTint) {
+  Paper paper(plainSheet());
+  paper.addDisc(kMiddleX, kMiddleY, 0.003, 5e-7);
+  std::vector<std::uint8_t> rgb;
+  paper.renderColour(rgb);
+  const std::size_t middle = 3 * (60 * 160 + 80);
+  EXPECT_GT(rgb[0], rgb[2]);
+  EXPECT_GT(int(rgb[middle]) * rgb[2], int(rgb[middle + 2]) * rgb[0]);  // more so than the paper
+}
+
+// ---------------------------------------------------------------- relief
+
+TEST(Relief, HasTheRoughnessAskedForAtAnyResolution) {
+  for (const double px_per_mm : {2.0, 8.0, 32.0}) {
+    PaperParameters parameters;
+    const Relief relief(parameters, 1e-3 / px_per_mm);
+    constexpr int kSize = 128;
+    std::vector<float> height(kSize * kSize);
+    double sum = 0.0, squares = 0.0;
+    constexpr int kSquares = 6;  // far apart
+    for (int k = 0; k < kSquares; ++k) {
+      relief.sampleHeight(1000 * k, 500, kSize, height.data());
+      for (const float h : height) {
+        sum += double(h);
+        squares += double(h) * double(h);
+      }
+    }
+    const double n = kSize * kSize * kSquares;
+    const double spread = relief.spreadInPixel();
+    EXPECT_NEAR(sum / n, 0.0, 0.05 * parameters.roughness) << px_per_mm;
+    EXPECT_NEAR(std::sqrt(squares / n + spread * spread) / parameters.roughness, 1.0, 0.1) << px_per_mm;
+  }
+}
+
+TEST(Relief, IsTheSameSheetAtAnyResolution) {
+  PaperParameters parameters;
+  const Relief coarse(parameters, 2.5e-4), fine(parameters, 1.25e-4);
+  std::vector<float> a(64 * 64), b(128 * 128);
+  coarse.sampleHeight(32, 32, 64, a.data());
+  fine.sampleHeight(64, 64, 128, b.data());
+  double ab = 0, aa = 0, bb = 0;
+  for (std::size_t row = 0; row < 64; ++row)
+    for (std::size_t column = 0; column < 64; ++column) {
+      const double mean =
+          0.25 * double(b[2 * row * 128 + 2 * column] + b[2 * row * 128 + 2 * column + 1] +
+                        b[(2 * row + 1) * 128 + 2 * column] + b[(2 * row + 1) * 128 + 2 * column + 1]);
+      const double value = double(a[row * 64 + column]);
+      ab += value * mean;
+      aa += value * value;
+      bb += mean * mean;
+    }
+  EXPECT_GT(ab / std::sqrt(aa * bb), 0.97);
+}
+
+TEST(Relief, IsAnotherSheetForAnotherSeedAndJoinsAtTiles) {
+  PaperParameters parameters;
+  const Relief relief(parameters, 2.5e-4);
+  std::vector<float> whole(64 * 64), part(32 * 32), other(64 * 64);
+  relief.sampleHeight(0, 0, 64, whole.data());
+  relief.sampleHeight(32, 32, 32, part.data());
+  for (std::size_t row = 0; row < 32; ++row)
+    for (std::size_t column = 0; column < 32; ++column)
+      ASSERT_NEAR(part[row * 32 + column], whole[(row + 32) * 64 + column + 32], 1e-9);
+  parameters.seed = 2;
+  Relief(parameters, 2.5e-4).sampleHeight(0, 0, 64, other.data());
+  EXPECT_NE(whole, other);
+}
+
+// ---------------------------------------------------------------- flow
+
+TEST(Flow, LosesNothing) {
+  PaperParameters parameters = smallSheet(8);
+  parameters.diffusivity = 1e-6;
+  parameters.evaporation = 1e-6;
+  Paper paper(parameters);
+  paper.addDisc(kMiddleX, kMiddleY, 0.004, 5e-5);
+  paper.addDisc(0.001, 0.001, 0.004, 1e-4);  // runs against two edges of the sheet
+  const double ink = paper.inkVolume(), water = paper.waterVolume();
+  for (int second = 1; second <= 20; ++second) {
+    wait(paper, 1.0);
+    EXPECT_NEAR(paper.inkVolume(), ink, 1e-12 * ink) << second;
+    EXPECT_NEAR(paper.waterVolume() + paper.evaporatedVolume(), water, 1e-12 * water) << second;
+    for (int row = 0; row < paper.height_px(); ++row)
+      for (int column = 0; column < paper.width_px(); ++column) {
+        ASSERT_GE(paper.water(column, row), 0.0F);
+        ASSERT_GE(paper.ink(column, row), 0.0F);
+      }
+  }
+  EXPECT_GT(paper.evaporatedVolume(), 0.1 * water);
+}
+
+TEST(Flow, SpreadsAlikeInAllDirectionsAndAcrossTiles) {
+  PaperParameters parameters = plainSheet(8);
+  parameters.height = 0.04;
+  parameters.diffusivity = 1e-6;
+  parameters.evaporation = 1e-7;
+  Paper paper(parameters);
+  // The middle of the sheet is a corner of four tiles; that of the blot too.
+  paper.addDisc(0.02, 0.02, 0.002, 1e-4);
+  wait(paper, 3.0);
+  const int n = paper.width_px();
+  ASSERT_EQ(n, paper.height_px());
+  int wet = 0;
+  for (int row = 0; row < n; ++row)
+    for (int column = 0; column < n; ++column) {
+      wet += paper.water(column, row) > 0.0F;
+      ASSERT_NEAR(paper.water(column, row), paper.water(n - 1 - column, row), 1e-11F);
+      ASSERT_NEAR(paper.water(column, row), paper.water(row, column), 1e-11F);
+    }
+  EXPECT_GT(wet, 1500);
+}
+
+TEST(Flow, ADryOrDriedSheetCostsNothing) {
+  PaperParameters parameters = smallSheet(8);
+  parameters.evaporation = 1e-5;
+  Paper paper(parameters);
+  wait(paper, 1.0);
+  EXPECT_EQ(paper.revision(), 0U);
+  paper.addDisc(kMiddleX, kMiddleY, 0.003, 2e-5);
+  EXPECT_GT(paper.wetTileCount(), 0);
+  wait(paper, 5.0);
+  EXPECT_EQ(paper.wetTileCount(), 0);
+  EXPECT_EQ(paper.movingTileCount(), 0);
+  const std::uint64_t revision = paper.revision();
+  wait(paper, 2.0);
+  EXPECT_EQ(paper.revision(), revision);
+}
+
+TEST(Flow, BleedsFurtherOnRawThanOnSizedPaper) {
+  double before = 0.0;
+  for (const double diffusivity : {0.0, 1e-8, 1e-7, 1e-6}) {
+    PaperParameters parameters = smallSheet(8);
+    parameters.diffusivity = diffusivity;
+    Paper paper(parameters);
+    paper.addDisc(kMiddleX, kMiddleY, 0.003, 4e-5);
+    wait(paper, 10.0);
+    const double radius = radiusOf(paper, 1e-7);
+    EXPECT_GT(radius, before + 1e-5) << diffusivity;
+    before = radius;
+  }
+}
+
+TEST(Flow, LeavesADarkerRim) {
+  PaperParameters parameters = smallSheet(8);
+  parameters.diffusivity = 3e-7;
+  parameters.evaporation = 5e-7;
+  parameters.settling_rate = 0.0;
+  parameters.unevenness = 0.0;
+  Paper paper(parameters);
+  paper.addDisc(kMiddleX, kMiddleY, 0.003, 4e-5);
+  wait(paper, 120.0);
+  ASSERT_EQ(paper.wetTileCount(), 0);
+  // Along a row through the middle: inner half, and the darkest place beyond.
+  const int row = paper.height_px() / 2, middle = paper.width_px() / 2;
+  const double inner = double(paper.ink(middle, row));
+  double rim = 0.0;
+  for (int column = middle + 8; column < paper.width_px(); ++column)
+    rim = std::max(rim, double(paper.ink(column, row)));
+  EXPECT_GT(rim, 1.2 * inner);
+}
+
+TEST(Flow, RewettingMovesWhatHasNotSettled) {
+  for (const double rate : {0.0, 10.0}) {
+    PaperParameters parameters = plainSheet(8);
+    parameters.diffusivity = 1e-7;
+    parameters.evaporation = 5e-6;
+    parameters.settling_rate = rate;
+    Paper paper(parameters);
+    paper.addDisc(kMiddleX, kMiddleY, 0.002, 1e-5);
+    wait(paper, 10.0);
+    ASSERT_EQ(paper.wetTileCount(), 0);
+    const double before = radiusOf(paper, 1e-8);
+    // Clear water.
+    const double wet = paper.capacity();
+    for (int row = 0; row < paper.height_px(); ++row)
+      for (int column = 0; column < paper.width_px(); ++column)
+        if (paper.ink(column, row) > 0.0F)
+          paper.setInk(column, row, wet, rate > 0.0 ? 0.0 : double(paper.ink(column, row)));
+    wait(paper, 3.0);
+    const double after = radiusOf(paper, 1e-8);
+    if (rate == 0.0) {
+      EXPECT_GT(after, before + 2e-4);
+    } else {
+      EXPECT_NEAR(after, before, 1e-9);
+    }
+  }
+}
+
+// ---------------------------------------------------------------- tip and sheet
 
 namespace {
 
@@ -112,16 +353,128 @@ std::vector<Eigen::Vector3d> rodWithTipAt(double x, double y, double z) {
   return {{x, y, z + 0.02}, {x, y, z + 0.01}, {x, y, z}};
 }
 
+/// The rod lies along x with its last half on the sheet.
+std::vector<Eigen::Vector3d> rodLyingAt(double x, double y) {
+  return {{x - 0.01, y, 0.01}, {x, y, 0}, {x + 0.01, y, 0}};
+}
+
+const std::vector<double> kPush{0.0, 1e-3, 1e-3};
+
+/// One step with contact.
+void draw(TipInk& ink, Paper& paper, const std::vector<Eigen::Vector3d>& nodes, double seconds = 0.001) {
+  ink.pass(std::llround(seconds * 1e9));
+  paper.beginContact();
+  ink.transfer(0, nodes, kPush, paper);
+}
+
 }  // namespace
+
+TEST(TipInk, HasTheRodsRoomAtItsNodes) {
+  const TipInk ink(plainBrush(), InkParameters{});
+  EXPECT_EQ(ink.rodCount(), 1);
+  EXPECT_EQ(ink.nodeCount(), 3);
+  EXPECT_DOUBLE_EQ(ink.rodCapacity(0), 1e-9);
+  EXPECT_DOUBLE_EQ(ink.capacity()[1], 2.0 * ink.capacity()[0]);  // an end stands for half an edge
+}
+
+TEST(TipInk, IsDippedFromTheTipUpwards) {
+  InkParameters parameters;
+  parameters.load = 0.5;
+  parameters.concentration = 0.25;
+  const TipInk ink(plainBrush(), parameters);
+  EXPECT_DOUBLE_EQ(ink.totalVolume(), 0.5e-9);
+  EXPECT_DOUBLE_EQ(ink.totalPigment(), 0.125e-9);
+  EXPECT_DOUBLE_EQ(ink.volume()[2], ink.capacity()[2]);
+  EXPECT_DOUBLE_EQ(ink.volume()[1], 0.25e-9);
+  EXPECT_EQ(ink.volume()[0], 0.0);
+}
+
+TEST(TipInk, IsWipedFromTheSurface) {
+  BrushModel brush = plainBrush();
+  brush.rods.push_back(brush.rods[0]);
+  brush.rods.push_back(brush.rods[0]);
+  brush.rods[1].root_H.x() = 0.002;
+  brush.rods[2].root_H.x() = 0.001;
+  TipInk ink(brush, InkParameters{});
+  ink.wipe(0.5);
+  EXPECT_NEAR(ink.totalVolume(), 1.5e-9, 1e-22);
+  EXPECT_EQ(ink.rodVolume(1), 0.0);
+  EXPECT_NEAR(ink.rodVolume(2), 0.5e-9, 1e-22);
+  EXPECT_NEAR(ink.rodVolume(0), 1e-9, 1e-22);
+  EXPECT_THROW(ink.wipe(std::nan("")), std::invalid_argument);
+  ink.wipe();
+  EXPECT_EQ(ink.totalVolume(), 0.0);
+}
 
 TEST(TipInk, LosesWhatTheSheetGains) {
   Paper paper(smallSheet());
   TipInk ink(plainBrush(), InkParameters{});
   const double before = ink.totalVolume();
-  for (int step = 0; step <= 200; ++step)
-    ink.transfer(0, rodWithTipAt(0.005 + 0.0001 * step, 0.015, 0), paper);
-  EXPECT_GT(paper.inkVolume(), 0.0);
-  EXPECT_NEAR(ink.totalVolume() + paper.inkVolume(), before, 1e-6 * paper.inkVolume());
+  for (int step = 0; step <= 200; ++step) draw(ink, paper, rodLyingAt(0.005 + 0.0001 * step, 0.015));
+  EXPECT_GT(paper.inkVolume(), 1e-12);
+  EXPECT_NEAR(ink.totalVolume() + paper.waterVolume(), before, 1e-12 * before);
+  EXPECT_NEAR(ink.totalPigment() + paper.inkVolume(), before, 1e-12 * before);
+}
+
+TEST(TipInk, TakesFromAWetSheetWhenItIsDry) {
+  PaperParameters sheet = plainSheet();
+  Paper paper(sheet);
+  TipInk ink(plainBrush(), InkParameters{});
+  ink.wipe();
+  draw(ink, paper, rodLyingAt(0.015, 0.015), 1.0);
+  EXPECT_EQ(ink.totalVolume(), 0.0);  // from a dry sheet it takes nothing
+  paper.addDisc(kMiddleX, kMiddleY, 0.005, 3e-5);
+  const double before = paper.waterVolume();
+  for (int step = 0; step < 50; ++step) draw(ink, paper, rodLyingAt(0.015, 0.015), 0.02);
+  EXPECT_GT(ink.totalVolume(), 1e-11);
+  EXPECT_NEAR(ink.totalVolume() + paper.waterVolume(), before, 1e-12 * before);
+  EXPECT_NEAR(ink.totalPigment() + paper.inkVolume(), before, 1e-12 * before);
+}
+
+TEST(TipInk, LeavesMoreTheLongerItTouches) {
+  double before = 0.0;
+  for (const double seconds : {0.01, 0.1, 1.0}) {
+    Paper paper(plainSheet());
+    TipInk ink(plainBrush(), InkParameters{});
+    draw(ink, paper, rodLyingAt(0.015, 0.015), 0.001);
+    draw(ink, paper, rodLyingAt(0.015, 0.015), seconds);
+    EXPECT_GT(paper.waterVolume(), 1.1 * before);
+    before = paper.waterVolume();
+  }
+}
+
+TEST(TipInk, LeavesTheSameInManyStepsAsInFew) {
+  double volume[2];
+  for (const int steps : {1, 10}) {
+    Paper paper(plainSheet());
+    BrushModel brush = plainBrush();
+    brush.rods[0].ink_capacity = 1e-6;  // so that it does not fade
+    TipInk ink(brush, InkParameters{});
+    draw(ink, paper, rodLyingAt(0.015, 0.015), 1e-6);
+    for (int step = 0; step < steps; ++step) draw(ink, paper, rodLyingAt(0.015, 0.015), 0.1 / steps);
+    volume[steps > 1] = paper.waterVolume();
+  }
+  EXPECT_NEAR(volume[1] / volume[0], 1.0, 1e-2);
+}
+
+TEST(TipInk, BundlesOverEachOtherTouchForNoLonger) {
+  double volume[2];
+  for (const int count : {1, 8}) {
+    BrushModel brush = plainBrush();
+    brush.rods[0].ink_capacity = 1e-6;
+    brush.rods.resize(static_cast<std::size_t>(count), brush.rods[0]);
+    InkParameters parameters;
+    parameters.hair_unevenness = 0.0;
+    TipInk ink(brush, parameters);
+    Paper paper(plainSheet());
+    for (int step = 0; step < 5; ++step) {
+      ink.pass(10000000);
+      paper.beginContact();
+      for (int rod = 0; rod < count; ++rod) ink.transfer(rod, rodLyingAt(0.015, 0.015), kPush, paper);
+    }
+    volume[count > 1] = paper.waterVolume();
+  }
+  EXPECT_NEAR(volume[1] / volume[0], 1.0, 0.05);
 }
 
 TEST(TipInk, LeavesNothingAboveTheSheet) {
@@ -129,65 +482,106 @@ TEST(TipInk, LeavesNothingAboveTheSheet) {
   InkParameters parameters;
   TipInk ink(plainBrush(), parameters);
   for (int step = 0; step <= 100; ++step)
-    ink.transfer(0, rodWithTipAt(0.005 + 0.0001 * step, 0.015, 0.0005 + parameters.coat + 1e-9), paper);
+    draw(ink, paper, rodWithTipAt(0.005 + 0.0001 * step, 0.015, 0.0005 + parameters.coat + 1e-9));
   EXPECT_EQ(paper.inkVolume(), 0.0);
 }
 
 TEST(TipInk, DrawsAsWideAsTheBundleLies) {
   // A bundle of radius r whose middle is at height z touches in a chord of half width √(r² − z²).
   InkParameters parameters;
-  parameters.coat = 0.0;
+  parameters.coat = parameters.hair_unevenness = 0.0;
   for (const double z : {0.0, 0.0003, 0.00045}) {
-    Paper paper(smallSheet(20));
+    Paper paper(plainSheet(20));
     BrushModel brush = plainBrush();
     brush.rods[0].ink_capacity = 1e-6;  // so that it does not fade
     TipInk ink(brush, parameters);
-    for (int step = 0; step <= 300; ++step)
-      ink.transfer(0, rodWithTipAt(0.005 + 0.0001 * step, 0.015, z), paper);
+    // Sideways, so that all of the chord is under the same part of the rod.
+    for (int step = 0; step <= 300; ++step) {
+      auto nodes = rodLyingAt(0.02, 0.015);
+      for (auto& node : nodes) node.z() += z;
+      draw(ink, paper, nodes);
+    }
     double width = 0;
-    for (int row = 0; row < paper.height_px(); ++row) width += double(paper.ink(400, row));
-    width *= paper.pixelSize() / parameters.film_thickness;
-    EXPECT_NEAR(width, 2 * std::sqrt(0.0005 * 0.0005 - z * z), 0.00003) << z;
+    for (int row = 0; row < paper.height_px(); ++row) width += double(paper.ink(500, row));
+    width *= paper.pixelSize() / double(paper.ink(500, 300));
+    EXPECT_NEAR(width, 2 * std::sqrt(0.0005 * 0.0005 - z * z), 0.00005) << z;
   }
 }
 
+TEST(TipInk, FillsWhatItSweepsSideways) {
+  Paper paper(plainSheet());
+  BrushModel brush = plainBrush();
+  brush.rods[0].ink_capacity = 1e-6;
+  TipInk ink(brush, InkParameters{});
+  draw(ink, paper, rodLyingAt(0.015, 0.005));
+  draw(ink, paper, rodLyingAt(0.015, 0.025));  // 20 mm in one step
+  for (int row = 22; row <= 98; ++row) EXPECT_GT(paper.ink(80, row), 5e-6F) << row;
+  EXPECT_EQ(paper.ink(80, 14), 0.0F);
+  EXPECT_EQ(paper.ink(80, 106), 0.0F);
+}
+
 TEST(TipInk, JoinsFastMotionsWithoutGaps) {
-  Paper paper(smallSheet());
+  Paper paper(plainSheet());
   TipInk ink(plainBrush(), InkParameters{});
-  ink.transfer(0, rodWithTipAt(0.005, 0.015, 0), paper);
-  ink.transfer(0, rodWithTipAt(0.030, 0.015, 0), paper);  // 25 mm in one step
-  for (int column = 20; column <= 120; ++column) EXPECT_GT(paper.ink(column, 60), 1e-5F) << column;
+  draw(ink, paper, rodWithTipAt(0.005, 0.015, 0));
+  draw(ink, paper, rodWithTipAt(0.030, 0.015, 0));  // 25 mm in one step
+  for (int column = 20; column <= 118; ++column) EXPECT_GT(paper.ink(column, 60), 1e-7F) << column;
 }
 
 TEST(TipInk, ForgetsWhereItWasWhenLifted) {
   Paper paper(smallSheet());
   TipInk ink(plainBrush(), InkParameters{});
-  ink.transfer(0, rodWithTipAt(0.005, 0.015, 0), paper);
-  ink.transfer(0, rodWithTipAt(0.015, 0.015, 0.005), paper);
-  ink.transfer(0, rodWithTipAt(0.030, 0.015, 0), paper);
+  draw(ink, paper, rodWithTipAt(0.005, 0.015, 0));
+  ink.lift(0);
+  draw(ink, paper, rodWithTipAt(0.030, 0.015, 0));
   EXPECT_EQ(paper.ink(70, 60), 0.0F);
 }
 
+TEST(TipInk, TouchesOnlyPeaksWhenDry) {
+  double before = 1.1;
+  for (const double load : {1.0, 0.2, 0.1, 0.05}) {
+    Paper paper(smallSheet(8));
+    BrushModel brush = plainBrush();
+    brush.rods[0].ink_capacity = 1e-6;
+    InkParameters parameters;
+    parameters.hair_unevenness = 0.0;
+    TipInk ink(brush, parameters);
+    for (std::size_t i = 0; i < 3; ++i) ink.volume()[i] = load * ink.capacity()[i];
+    ink.pigment() = ink.volume();
+    for (int step = 0; step < 5; ++step) draw(ink, paper, rodLyingAt(0.015, 0.015), 0.05);
+    // What is inked is higher than what is not.
+    double inked = 0, all = 0, high = 0, low = 0;
+    for (int column = 130; column < 180; ++column)
+      for (int row = 117; row < 123; ++row) {
+        const bool is_inked = double(paper.ink(column, row)) > 1e-6;
+        inked += is_inked;
+        all += 1;
+        (is_inked ? high : low) += double(paper.height(column, row));
+      }
+    EXPECT_LT(inked / all, before) << load;
+    if (inked > 0 && inked < all) {
+      EXPECT_GT(high / inked, low / (all - inked)) << load;
+    }
+    before = inked / all + 1e-9;
+  }
+  EXPECT_LT(before, 0.9);
+}
+
 TEST(TipInk, FadesAsItRunsDry) {
-  Paper paper(smallSheet());
-  BrushModel brush = plainBrush();
-  brush.rods[0].ink_capacity = 4e-10;
-  TipInk ink(brush, InkParameters{});
+  Paper paper(plainSheet());
+  TipInk ink(plainBrush(), InkParameters{});
+  std::vector<double> lines;
   for (int line = 0; line < 10; ++line) {
+    const double held = ink.totalVolume();
     ink.lift(0);
     for (int step = 0; step <= 300; ++step)
-      ink.transfer(0, rodWithTipAt(0.005 + 0.0001 * step, 0.002 + 0.0025 * line, 0), paper);
+      draw(ink, paper, rodLyingAt(0.005 + 0.0001 * step, 0.002 + 0.0025 * line));
+    lines.push_back(held - ink.totalVolume());
   }
-  float before = paper.ink(80, 8);
-  EXPECT_GT(before, 0.0F);
-  for (int line = 1; line < 10; ++line) {
-    const float now = paper.ink(80, static_cast<int>((0.002 + 0.0025 * line) / 0.00025));
-    EXPECT_LT(now, before) << line;
-    before = now;
-  }
-  EXPECT_GE(ink.totalVolume(), 0.0);
+  EXPECT_GT(lines.front(), 0.0);
+  for (std::size_t line = 1; line < lines.size(); ++line)
+    EXPECT_LT(lines[line], lines[line - 1]) << line;
+  EXPECT_GE(*std::min_element(ink.volume().begin(), ink.volume().end()), 0.0);
   ink.dip();
   EXPECT_NEAR(ink.totalVolume(), ink.totalCapacity(), 1e-20);
-  ink.wipe();
-  EXPECT_EQ(ink.totalVolume(), 0.0);
 }

@@ -1,67 +1,174 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <vector>
 
 #include "calligraphy_brush/paper/paper_parameters.h"
+#include "calligraphy_brush/paper/relief.h"
 
 namespace calligraphy_brush {
 
-/// A disc that moves from one place to another while its radius changes: the piece of a bundle
-/// that lies on the sheet. Places in the paper frame [m].
-struct TaperedCapsule {
-  double x0, y0, radius0;
-  double x1, y1, radius1;
+/// A straight piece of a bundle that lay on the sheet for a while, and what it swept meanwhile.
+struct TouchingPiece {
+  struct End {
+    double x, y;          ///< middle of its way, in the paper frame [m]
+    double way_x, way_y;  ///< half of its way [m]
+    double half_width;    ///< of the chord that is close enough to touch [m]
+    double beyond;        ///< how much further the end reached along the piece [m]
+  };
+  End a, b;
+  double along_x, along_y;  ///< unit, from a to b; anyhow where they are at one place
+  double duration;          ///< [s]
+  double gap;               ///< height of the hairs, or of the liquid on them, over the mean plane [m]
+  double film;              ///< liquid left at first touch, where all of a place is touched [m]
+  double filling;           ///< part of the sheet's pores that is in balance with the bundle, 0..1
+  double concentration;     ///< pigment over volume of the bundle's ink
+  double volume, room;      ///< liquid in the bundle, and how much more it can take [m³]
+  const float* underside;   ///< heights of its hairs across it, kUnderside values [m]
+
+  static constexpr int kUnderside = 16;
 };
 
-/// The sheet: ink by volume per area [m] on a grid of square pixels, and its picture.
+/// What went from a bundle to the sheet; negative what came back.
+struct InkExchange {
+  double volume = 0.0;   ///< [m³]
+  double pigment = 0.0;  ///< [m³]
+};
+
+/// The sheet: liquid and pigment on a grid of square pixels over a relief of fibres, and its picture.
 ///
-/// Row 0 of the grid is the lowest (y = 0); row 0 of the picture is the highest, as in any image.
-/// Constant memory after construction; not thread-safe.
+/// Liquid is volume per area [m]; a sheet is full at thickness · porosity. Pigment is measured by the
+/// volume per area of undiluted ink that carries as much [m]; what has settled stays, the rest goes
+/// where liquid takes it.
+///
+/// Row 0 of the grid is the lowest (y = 0); row 0 of a picture is the highest, as in any image. The grid
+/// is in tiles that come into being where there is ink. Where a tile is dry, or nothing moves in it,
+/// nothing is computed. Copies are deep. Not thread-safe.
 class Paper {
  public:
   /// Throws ParameterError.
   explicit Paper(const PaperParameters& parameters);
+  Paper(const Paper& other);
+  Paper& operator=(const Paper& other);
+  Paper(Paper&&) noexcept;
+  Paper& operator=(Paper&&) noexcept;
+  ~Paper();
 
+  const PaperParameters& parameters() const { return parameters_; }
   int width_px() const { return width_px_; }
   int height_px() const { return height_px_; }
-  double pixelSize() const { return pixel_size_; }  ///< [m]
+  double pixelSize() const { return pixel_size_; }                                  ///< [m]
+  double capacity() const { return parameters_.thickness * parameters_.porosity; }  ///< [m]
+  /// Standard deviation of the relief [m].
+  double roughness() const { return parameters_.roughness; }
 
-  /// Raises the ink under a capsule to `thickness` [m] (less at the rim of it, by the covered part
-  /// of each pixel). Ink that is there already is not lowered. Off the sheet nothing happens.
-  /// Returns the ink volume added [m³].
-  double deposit(const TaperedCapsule& capsule, double thickness);
+  /// The pieces from now on were on the sheet at the same time, after those before. What lies over
+  /// each other does not touch for longer: a place is touched for no more than all of the time.
+  void beginContact() { ++contact_; }
+
+  /// Lets a piece of a bundle and the sheet under it exchange ink, both ways.
+  ///
+  /// The part α of a pixel that is touched is what of its relief reaches over the gap. At first touch
+  /// the film wets it; then the sheet goes to the filling θ that balances the bundle's as
+  /// 1 − exp(−t / soak_time), t being the time that a place was touched. A sheet that is fuller than
+  /// that gives back likewise, with the pigment that is not yet settled.
+  InkExchange exchange(const TouchingPiece& piece);
+
+  /// Puts a disc of undiluted ink on the sheet, `thickness` [m] more than there is. Returns its volume
+  /// [m³]: off the sheet nothing happens.
+  double addDisc(double x, double y, double radius, double thickness);
+
+  /// Sets what a pixel holds, rows from below: liquid and unsettled pigment per area [m], ≥ 0. For
+  /// reference scenes: it makes or takes ink.
+  void setInk(int column, int row, double water, double pigment);
+
+  /// Moves liquid and pigment and dries the sheet for a time [s].
+  ///
+  ///   c ∂θ/∂t = ∇ · (c D₀ K θ^q ∇θ) − evaporation
+  ///
+  /// θ: liquid over capacity c; D₀: fullDiffusivity(); K: permeability() from place to place. Explicit
+  /// finite volumes on Φ = θ^(q+1) / (q + 1), the Kirchhoff transform, in equal parts of the time that
+  /// are short enough to be stable; where far longer ones are, several calls are done at once. Pigment
+  /// goes upwind. What flows out of a pixel flows into its neighbour, so nothing is lost. Films on
+  /// fibres that are wet add film_flow · D₀ to the diffusivity between wet pixels, so that the rim of a
+  /// blot is fed while it dries. Source: Crank, The Mathematics of Diffusion, ch. 7; Bear, Dynamics of
+  /// Fluids in Porous Media, 9.4. The rim of a wet area evaporates more (Deegan et al., Nature 389,
+  /// 1997).
+  void flow(double seconds);
 
   /// Removes all ink.
   void clear();
 
-  /// Ink at a pixel, rows from below [m].
-  float ink(int column, int row) const { return ink_[index(column, row)]; }
+  /// Pigment at a pixel, settled or not, rows from below [m].
+  float ink(int column, int row) const;
+  /// Liquid at a pixel, rows from below [m].
+  float water(int column, int row) const;
+  /// Height of the relief at a pixel over the mean plane [m].
+  float height(int column, int row) const;
 
-  /// All of a row from below, width_px() values [m].
-  const float* row(int row) const { return &ink_[index(0, row)]; }
+  double inkVolume() const;         ///< pigment on the whole sheet [m³]
+  double waterVolume() const;       ///< liquid on the whole sheet [m³]
+  double evaporatedVolume() const;  ///< liquid that left the sheet since construction or clear() [m³]
 
-  /// Ink on the whole sheet [m³].
-  double inkVolume() const;
+  int tileCount() const { return static_cast<int>(tiles_.size()); }  ///< tiles that have been inked
+  int wetTileCount() const { return wet_tiles_; }                    ///< of them, those with liquid
+  int movingTileCount() const;                                       ///< of them, those computed now
 
-  /// Grows with every change of the ink.
+  /// Grows with every change of the picture.
   std::uint64_t revision() const { return revision_; }
+  /// FNV-1a hash of the state, continued from `seed`.
+  std::uint64_t hash(std::uint64_t seed) const;
 
   /// The picture: 255 is paper, 0 is black ink, one byte a pixel, top row first.
-  /// Grey is 255 · exp(−ink / dark_thickness), the Beer–Lambert law.
+  ///
+  /// Grey is what the pixel reflects over what bare paper does, by Kubelka and Munk: R = a − √(a² − 1),
+  /// a = 1 + K/S, S: scattering, K = K₀ + ink / dark_thickness, K₀ that of the bare sheet.
+  /// Source: Kubelka and Munk 1931; for ink: Curtis et al., SIGGRAPH 1997.
   void render(std::vector<std::uint8_t>& mono8) const;
+  /// The same in 16 bits.
+  void render(std::vector<std::uint16_t>& mono16) const;
+  /// In colour: red, green, blue, as seen, with the gamma of sRGB (IEC 61966-2-1).
+  void renderColour(std::vector<std::uint8_t>& rgb8) const;
+  /// Ink without paper: red, green, blue, opacity. Laid over white paper it looks as the ink does.
+  void renderTransparent(std::vector<std::uint8_t>& rgba8) const;
+  /// mono8 of what the sheet has more of than `before`, which has as many pixels.
+  void renderAdded(const Paper& before, std::vector<std::uint8_t>& mono8) const;
 
  private:
-  std::size_t index(int column, int row) const {
-    return static_cast<std::size_t>(row) * static_cast<std::size_t>(width_px_) +
-           static_cast<std::size_t>(column);
+  static constexpr int kTile = 32;  // pixels a side
+  struct Tile;
+
+  Tile* find(int tile_column, int tile_row) const;
+  Tile& make(int tile_column, int tile_row);
+  void setWet(Tile& tile, bool wet);
+  const Tile* tileOf(int column, int row) const;
+  std::size_t pixelCount() const {
+    return static_cast<std::size_t>(width_px_) * static_cast<std::size_t>(height_px_);
   }
+  void exchangeInTile(const TouchingPiece& piece, Tile& tile, int first_column, int last_column,
+                      int first_row, int last_row, InkExchange& sum);
+  int findMoving(double seconds);
+  void dry(double seconds);
+  template <class Function>
+  void forEachPixel(Function&& function) const;
 
   PaperParameters parameters_;
-  int width_px_;
-  int height_px_;
+  int width_px_, height_px_;
   double pixel_size_;
-  std::vector<float> ink_;
+  Relief relief_;
+  double full_diffusivity_ = 0.0;
+  int tile_columns_ = 0, tile_rows_ = 0;
+  std::vector<std::int32_t> places_;  // index into tiles_, −1 where there is none
+  std::vector<std::unique_ptr<Tile>> tiles_;
+  std::vector<std::unique_ptr<Tile>> cleared_;  // by place: their relief is kept
+  std::vector<Tile*> moving_;                   // scratch
+  int wet_tiles_ = 0;
+  double since_drying_ = 0.0, since_flow_ = 0.0;
+  double flow_interval_ = 0.0;  // that needs no more than one step
+  double evaporated_ = 0.0;     // [m], over one pixel
+  std::uint64_t tick_ = 0;
+  std::uint32_t contact_ = 1;
   std::uint64_t revision_ = 0;
 };
 

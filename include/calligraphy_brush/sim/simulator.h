@@ -15,7 +15,7 @@
 namespace calligraphy_brush {
 
 /// Stages of a time step, in their order.
-enum class Stage { kMoveRoots, kSolveRods, kTransferInk, kCount };
+enum class Stage { kMoveRoots, kSolveRods, kTransferInk, kFlowInk, kFlowPaper, kCount };
 
 /// "move_roots", "solve_rods", ...
 const char* toString(Stage stage);
@@ -30,7 +30,8 @@ struct SimulatorReport {
   int touching_nodes = 0;              ///< nodes on the sheet after the last step
   int last_iterations = 0;             ///< most iterations of a rod in the last step
   double max_penetration = 0.0;        ///< deepest node below the sheet in the last step [m]
-  double ink_in_tip = 0.0;             ///< [m³]
+  double ink_in_tip = 0.0;             ///< liquid [m³]
+  double pigment_in_tip = 0.0;         ///< as the undiluted ink that carries as much [m³]
   double ink_capacity = 0.0;           ///< [m³]
   std::array<double, static_cast<int>(Stage::kCount)> stage_seconds{};  ///< wall time, summed
 };
@@ -54,11 +55,15 @@ class Simulator {
   Simulator& operator=(Simulator&&) noexcept;
 
   /// Takes the next pose of the handle or refuses it, and then changes nothing. The first one, and
-  /// the first after a gap of more than motion/max_gap, puts the brush there, at rest and undeformed.
+  /// the first after a gap of more than motion/max_gap, puts the brush there, at rest and undeformed;
+  /// so does one after motion/hold_after that is further away than motion/hold_distance.
   PoseVerdict addPose(const HandlePose& pose);
 
   /// Runs whole time steps up to the newest pose. Returns how many.
   int advance();
+  /// The same, but not beyond a time [ns] in the stamps of the poses: advancing piece by piece gives
+  /// the bits of advancing at once.
+  int advanceTo(std::int64_t stamp_ns);
 
   /// Fills the tip with ink, to ink/load of its capacity.
   void dip();
