@@ -40,6 +40,7 @@ struct ModesResult : SceneResult {
 ModesResult modes(const ModesParameters& parameters);
 
 struct ReleaseParameters : DynamicParameters, RodProperties {
+  static Choices schemes() { return {"backward_euler", "bdf2", "sdirk2", "projection"}; }
   double damping = 0.0;
   double duration = 1.0;
 
@@ -92,6 +93,7 @@ struct ChainResult : SceneResult {
 ChainResult chain(const ChainParameters& parameters);
 
 struct SlamParameters : DynamicParameters {
+  static Choices schemes() { return {"backward_euler", "bdf2", "sdirk2", "projection"}; }
   double stiffness_scale = 1.0;
   SlamParameters() {
     nodes = 16;

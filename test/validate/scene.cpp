@@ -5,8 +5,10 @@
 #include <iomanip>
 #include <ostream>
 
+#include "buckling.h"
 #include "contact.h"
 #include "dynamics.h"
+#include "porous.h"
 #include "sliding.h"
 #include "statics.h"
 
@@ -59,6 +61,15 @@ void write(std::ostream& out, bool value) {
 void write(std::ostream& out, const std::string& value) {
   out << '"' << value << '"';
 }
+void write(std::ostream& out, const Eigen::Vector3d& value) {
+  out << "{\"x\": ";
+  write(out, value.x());
+  out << ", \"y\": ";
+  write(out, value.y());
+  out << ", \"z\": ";
+  write(out, value.z());
+  out << "}";
+}
 void write(std::ostream& out, const TipAt& value) {
   out << "{\"t\": ";
   write(out, value.t);
@@ -105,6 +116,31 @@ const std::vector<Scene>& scenes() {
                 "last steps\n"
                 "before the foot slips, is mu; null where it never slips on the way to 0.4 L.",
                 stickSlip),
+      makeScene("lateral_buckling",
+                "A horizontal strip on edge tips over sideways under its own weight.",
+                "For one load after another the rod comes to rest in its plane and is blown at from the "
+                "side. The\n"
+                "least eigenvalue of its energy's Hessian over the masses, by Rayleigh's quotient of "
+                "what is left of\n"
+                "the blow after some steps, is 0 at the critical load.",
+                lateralBuckling),
+      makeScene("bend_twist", "A hanging rod of natural curvature bends in its plane or leaves it.",
+                "The clamp points down. The weight of the curled rod is let go slowly; once it is at "
+                "rest in the plane\n"
+                "y = 0 it is blown at from the side. It is stable if the least eigenvalue, found as "
+                "in\n"
+                "lateral_buckling, is above 0.",
+                bendTwist),
+      makeScene("ring", "A straight rod, bent to a ring and twisted, leaves its plane (Michell).",
+                "The far clamp is led round to the root and turned. The least eigenvalue, found as in "
+                "lateral_buckling,\n"
+                "is nearly linear in the square of the twist; its zero is extrapolated from the last "
+                "3 %, and 2 %\n"
+                "beyond it the ring has to leave its state.",
+                ring),
+      makeScene("helix", "A rod with twisted and approached ends coils up in its middle.",
+                "The far clamp comes nearer by the slack, so that the rod bulges, and is then turned.",
+                helix),
       makeScene("modes", "Frequencies of small vibrations of a clamped rod.",
                 "Each node in turn carries a small transverse force. The shapes that the rod comes to "
                 "rest in are the\n"
@@ -143,6 +179,21 @@ const std::vector<Scene>& scenes() {
                 "the handle\n"
                 "turns from -5 to 70 degrees against the hair, which bends it by more than 150 degrees.",
                 slam),
+      makeScene(
+          "strip", "Liquid from a reservoir soaks into a dry strip of the sheet.",
+          "The sheet of the simulator with its flow, `nodes` pixels long. Length and time are scaled "
+          "to the sheet, so\n"
+          "any are as accurate. The front is where the filling goes to 0, between pixels as the q-th "
+          "root of a line.",
+          strip),
+      makeScene(
+          "blot", "A blot spreads on the dry sheet from its middle.",
+          "As strip, `nodes` pixels from the middle to beyond the front. supply = rate: a brush that "
+          "is held still gives\n"
+          "a constant flow; saturated: a disc is kept full; drop: a drop of given volume is all. The "
+          "front is the radius of\n"
+          "the disc that has the area of the blot.",
+          blot),
   };
   return all;
 }

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <cmath>
 #include <functional>
 #include <limits>
@@ -19,13 +20,14 @@ namespace validate {
 
 /// What every scene takes. Static scenes are in units of the rod's length L, B/L and B/L².
 struct SceneParameters {
+  static Choices precisions() { return {"float", "double"}; }
   int nodes = 20;
   std::string precision = "double";
 
   template <class Self, class Visit>
   static void describe(Self& self, Visit& visit) {
     visit("nodes", self.nodes, Range{4, 2000}, "1", "Nodes of the rod, both ends included.");
-    visit("precision", self.precision, Choices{"float", "double"}, "1",
+    visit("precision", self.precision, Self::precisions(), "1",
           "Numbers in the solver; the tolerances of the tables are for double.");
   }
 };
@@ -105,6 +107,7 @@ void write(std::ostream& out, double value);
 void write(std::ostream& out, int value);
 void write(std::ostream& out, bool value);
 void write(std::ostream& out, const std::string& value);
+void write(std::ostream& out, const Eigen::Vector3d& value);
 void write(std::ostream& out, const TipAt& value);
 template <class Element>
 void write(std::ostream& out, const std::vector<Element>& list) {

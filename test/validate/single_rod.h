@@ -40,6 +40,7 @@ inline RodParameters exactRods(double time_step, const std::string& scheme,
   rods.tolerance = 1e-13;
   rods.max_iterations = precision == "float" ? 20 : 500;  // in float the last digits never settle
   rods.damping = 0;
+  rods.sleep = 0;
   rods.gravity = 0;
   return rods;
 }
@@ -56,6 +57,7 @@ class SingleRod {
   SingleRod(RodModel rod, const RodParameters& rods, const ContactParameters& contact)
       : single_(rods.precision == "float"),
         nodes_(rod.nodeCount()),
+        watched_(rod.end_clamped ? nodes_ / 3 : nodes_ - 1),
         length_(rod.length),
         rounding_((single_ ? 1e-4 : 1e-11) * std::max(1.0, 1e-4 * nodes_ * nodes_)) {
     BrushModel brush;
@@ -73,13 +75,14 @@ class SingleRod {
     all_solved_ = all_solved_ && solved_;
   }
 
-  /// Steps with the handle held still until the tip has moved less than rounding in each of 20 steps,
-  /// in double solved ones, at most `most`. Returns whether it came to rest.
+  /// Steps with the handle held still until the tip, or of a rod that is clamped there the node at a
+  /// third, has moved less than rounding in each of 20 steps, in double solved ones, at most `most`.
+  /// Returns whether it came to rest.
   bool rest(const Eigen::Isometry3d& X_PH, int most) {
-    Eigen::Vector3d before = tip();
+    Eigen::Vector3d before = node(watched_);
     for (int count = 0, still = 0; count < most; ++count) {
       step(X_PH);
-      const Eigen::Vector3d now = tip();
+      const Eigen::Vector3d now = node(watched_);
       still = (solved_ || single_) && (now - before).norm() <= rounding_ * length_ ? still + 1 : 0;
       if (still == 20) return true;
       before = now;
@@ -95,7 +98,11 @@ class SingleRod {
     for (int index = 0; index < nodes_; ++index) sum += contactForce(index);
     return sum;
   }
-  void setTipForce(const Eigen::Vector3d& force) { tuft_->setNodeForce(0, nodes_ - 1, force); }
+  void setForce(int index, const Eigen::Vector3d& force) { tuft_->setNodeForce(0, index, force); }
+  void setTipForce(const Eigen::Vector3d& force) { setForce(nodes_ - 1, force); }
+  void moveEnd(const Eigen::Isometry3d& X_PE) { tuft_->moveEnd(0, X_PE); }
+  /// Force and torque about the handle's origin that the rod puts on it.
+  Eigen::Matrix<double, 6, 1> wrench() const { return tuft_->rodWrench(0); }
 
   int iterations() const { return iterations_; }
   bool solved() const { return solved_; }         ///< the last step
@@ -104,7 +111,7 @@ class SingleRod {
  private:
   std::unique_ptr<Tuft> tuft_;
   bool single_;
-  int nodes_;
+  int nodes_, watched_;
   double length_, rounding_;
   int iterations_ = 0;
   bool solved_ = true, all_solved_ = true;

@@ -40,6 +40,7 @@ class Block {
   static RodParameters rods(const DynamicParameters& p, double gravity) {
     RodParameters rods = exactRods(p.dt, p.scheme, p.precision);
     rods.tolerance = 1e-15;
+    rods.max_iterations = 2000;  // Newton creeps where a rod is as limp as this
     rods.gravity = gravity;
     return rods;
   }
