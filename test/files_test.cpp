@@ -2,12 +2,15 @@
 #include <stdlib.h>
 #include <sys/stat.h>
 
+#include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <string>
 
 #include "calligraphy_brush/files/atomic_file.h"
 #include "calligraphy_brush/files/png.h"
 #include "calligraphy_brush/files/stroke_file.h"
+#include "calligraphy_brush/files/svg.h"
 #include "calligraphy_brush/files/yaml_parameters.h"
 #include "calligraphy_brush/sim/simulator_parameters.h"
 #include "temporary_folder.h"
@@ -50,6 +53,29 @@ GreyPicture gradient(int width, int height) {
   for (int k = 0; k < width * height; ++k)
     picture.mono8.push_back(static_cast<std::uint8_t>(k * 7 % 256));
   return picture;
+}
+
+TEST(Svg, OutlineOfADiscHasItsAreaAndAHoleIsALineOfItsOwn) {
+  constexpr int kSize = 100;
+  std::vector<std::uint8_t> mono8;
+  for (int row = 0; row < kSize; ++row)
+    for (int column = 0; column < kSize; ++column) {
+      const double r = std::hypot(column + 0.5 - 50.0, row + 0.5 - 50.0);
+      const double dark = std::clamp(std::min(30.5 - r, r - 9.5), 0.0, 1.0);
+      mono8.push_back(static_cast<std::uint8_t>(std::lround(255.0 * (1.0 - dark))));
+    }
+  const auto outlines = traceOutlines(kSize, kSize, mono8);
+  ASSERT_EQ(outlines.size(), 2U);
+  double area = 0.0;  // the outer line and the hole have opposite senses
+  for (const Outline& outline : outlines)
+    for (std::size_t i = 0; i < outline.size(); ++i) {
+      const OutlinePoint &a = outline[i], &b = outline[(i + 1) % outline.size()];
+      area += 0.5 * (a.x * b.y - b.x * a.y);
+    }
+  EXPECT_NEAR(std::abs(area) / (3.14159265358979 * (30.0 * 30.0 - 10.0 * 10.0)), 1.0, 0.005);
+  EXPECT_TRUE(traceOutlines(4, 4, std::vector<std::uint8_t>(16, 255)).empty());
+  EXPECT_EQ(traceOutlines(4, 4, std::vector<std::uint8_t>(16, 0)).size(), 1U);
+  EXPECT_THROW(traceOutlines(4, 4, {}), std::invalid_argument);
 }
 
 TEST(Png, ComesBackAsItWasWritten) {

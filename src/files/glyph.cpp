@@ -306,4 +306,54 @@ Glyph readGlyph(const std::string& file) {
   }
 }
 
+GreyPicture drawOutlines(const std::vector<Outline>& outlines, int width_px, int height_px,
+                         double px_per_unit) {
+  constexpr int kSamples = 4;
+  GreyPicture picture{width_px, height_px, {}};
+  const auto columns = static_cast<std::size_t>(width_px) * kSamples;
+  picture.mono8.assign(static_cast<std::size_t>(width_px) * static_cast<std::size_t>(height_px), 255);
+  struct Crossing {
+    double x;
+    int turn;
+  };
+  std::vector<Crossing> crossings;
+  std::vector<std::uint8_t> inside(columns);
+  std::vector<int> covered(static_cast<std::size_t>(width_px));
+  for (int row = 0; row < height_px; ++row) {
+    std::fill(covered.begin(), covered.end(), 0);
+    for (int sample = 0; sample < kSamples; ++sample) {
+      const double y = (height_px - row - (sample + 0.5) / kSamples) / px_per_unit;
+      std::fill(inside.begin(), inside.end(), std::uint8_t{0});
+      for (const Outline& outline : outlines) {
+        crossings.clear();
+        for (const auto& polygon : outline)
+          for (std::size_t k = 0; k < polygon.size(); ++k) {
+            const Eigen::Vector2d &a = polygon[k], &b = polygon[k + 1 < polygon.size() ? k + 1 : 0];
+            if ((a.y() <= y) == (b.y() <= y)) continue;
+            const double t = (y - a.y()) / (b.y() - a.y());
+            crossings.push_back({a.x() + t * (b.x() - a.x()), a.y() <= y ? 1 : -1});
+          }
+        std::sort(crossings.begin(), crossings.end(),
+                  [](const Crossing& a, const Crossing& b) { return a.x < b.x; });
+        int winding = 0;
+        for (std::size_t k = 0; k + 1 < crossings.size(); ++k) {
+          winding += crossings[k].turn;
+          if (winding == 0) continue;
+          const auto columnOf = [&](double x) {
+            return static_cast<std::size_t>(std::clamp(std::ceil(x * px_per_unit * kSamples - 0.5), 0.0,
+                                                       static_cast<double>(columns)));
+          };
+          for (std::size_t c = columnOf(crossings[k].x); c < columnOf(crossings[k + 1].x); ++c)
+            inside[c] = 1;
+        }
+      }
+      for (std::size_t c = 0; c < columns; ++c) covered[c / kSamples] += inside[c];
+    }
+    for (std::size_t c = 0; c < covered.size(); ++c)
+      picture.mono8[static_cast<std::size_t>(row) * covered.size() + c] = static_cast<std::uint8_t>(
+          255 - std::lround(255.0 * covered[c] / static_cast<double>(kSamples * kSamples)));
+  }
+  return picture;
+}
+
 }  // namespace calligraphy_brush

@@ -37,22 +37,52 @@ struct Writer {
   ~Writer() { png_destroy_write_struct(&png, &info); }
 };
 
-void writeRows(std::FILE* file, int width_px, int height_px, const std::vector<std::uint8_t>& mono8,
-               double px_per_mm) {
+/// A picture of `channels` values of `bits` bits a pixel; values of 16 bits in this machine's order.
+struct Rows {
+  int width_px, height_px, bits, channels, colour_type;
+  const std::uint8_t* data;
+  std::size_t value_count;
+};
+
+void writeRows(std::FILE* file, const Rows& rows, double px_per_mm) {
   Writer writer;
   if (writer.info == nullptr) throw std::runtime_error("out of memory");
   png_init_io(writer.png, file);
-  png_set_IHDR(writer.png, writer.info, static_cast<png_uint_32>(width_px),
-               static_cast<png_uint_32>(height_px), 8, PNG_COLOR_TYPE_GRAY, PNG_INTERLACE_NONE,
+  png_set_IHDR(writer.png, writer.info, static_cast<png_uint_32>(rows.width_px),
+               static_cast<png_uint_32>(rows.height_px), rows.bits, rows.colour_type, PNG_INTERLACE_NONE,
                PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
   if (px_per_mm > 0) {
     const auto px_per_m = static_cast<png_uint_32>(std::lround(1000.0 * px_per_mm));
     png_set_pHYs(writer.png, writer.info, px_per_m, px_per_m, PNG_RESOLUTION_METER);
   }
   png_write_info(writer.png, writer.info);
-  for (int row = 0; row < height_px; ++row)
-    png_write_row(writer.png, mono8.data() + static_cast<std::ptrdiff_t>(row) * width_px);
+#if __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__
+  if (rows.bits == 16) png_set_swap(writer.png);
+#endif
+  const std::ptrdiff_t row_size = std::ptrdiff_t{rows.width_px} * rows.channels * (rows.bits / 8);
+  for (int row = 0; row < rows.height_px; ++row) png_write_row(writer.png, rows.data + row * row_size);
   png_write_end(writer.png, writer.info);
+}
+
+void writeFile(const std::string& path, const Rows& rows, double px_per_mm) {
+  if (rows.width_px < 1 || rows.height_px < 1 ||
+      rows.value_count != static_cast<std::size_t>(rows.width_px) *
+                              static_cast<std::size_t>(rows.height_px) *
+                              static_cast<std::size_t>(rows.channels))
+    throw std::invalid_argument("a picture of " + std::to_string(rows.width_px) + " x " +
+                                std::to_string(rows.height_px) + " pixels cannot have " +
+                                std::to_string(rows.value_count) + " values");
+  AtomicFile output(path);
+  File file(std::fopen(output.temporaryPath().c_str(), "wb"));
+  try {
+    if (!file) throw std::runtime_error(std::strerror(errno));
+    writeRows(file.get(), rows, px_per_mm);
+    // A full disc shows only when the last buffer goes out.
+    if (std::fclose(file.release()) != 0) throw std::runtime_error(std::strerror(errno));
+  } catch (const std::runtime_error& error) {
+    throw std::runtime_error("cannot write " + path + ": " + error.what());
+  }
+  output.commit();
 }
 
 struct Reader {
@@ -69,22 +99,25 @@ struct Reader {
 
 void writePng(const std::string& path, int width_px, int height_px,
               const std::vector<std::uint8_t>& mono8, double px_per_mm) {
-  if (width_px < 1 || height_px < 1 ||
-      mono8.size() != static_cast<std::size_t>(width_px) * static_cast<std::size_t>(height_px))
-    throw std::invalid_argument("a picture of " + std::to_string(width_px) + " x " +
-                                std::to_string(height_px) + " pixels cannot have " +
-                                std::to_string(mono8.size()) + " values");
-  AtomicFile output(path);
-  File file(std::fopen(output.temporaryPath().c_str(), "wb"));
-  try {
-    if (!file) throw std::runtime_error(std::strerror(errno));
-    writeRows(file.get(), width_px, height_px, mono8, px_per_mm);
-    // A full disc shows only when the last buffer goes out.
-    if (std::fclose(file.release()) != 0) throw std::runtime_error(std::strerror(errno));
-  } catch (const std::runtime_error& error) {
-    throw std::runtime_error("cannot write " + path + ": " + error.what());
-  }
-  output.commit();
+  writeFile(path, {width_px, height_px, 8, 1, PNG_COLOR_TYPE_GRAY, mono8.data(), mono8.size()},
+            px_per_mm);
+}
+
+void writePng16(const std::string& path, int width_px, int height_px,
+                const std::vector<std::uint16_t>& mono16, double px_per_mm) {
+  writeFile(path,
+            {width_px, height_px, 16, 1, PNG_COLOR_TYPE_GRAY,
+             reinterpret_cast<const std::uint8_t*>(mono16.data()), mono16.size()},
+            px_per_mm);
+}
+
+void writeColourPng(const std::string& path, int width_px, int height_px, Colours colours,
+                    const std::vector<std::uint8_t>& values, double px_per_mm) {
+  const bool has_alpha = colours == Colours::kRgba;
+  writeFile(path,
+            {width_px, height_px, 8, has_alpha ? 4 : 3,
+             has_alpha ? PNG_COLOR_TYPE_RGB_ALPHA : PNG_COLOR_TYPE_RGB, values.data(), values.size()},
+            px_per_mm);
 }
 
 GreyPicture readPng(const std::string& path) {

@@ -184,8 +184,8 @@ double BrushCurve::depth(double width) const {
   return interpolate(points_, &BrushCurvePoint::width, &BrushCurvePoint::depth, width);
 }
 
-BrushCurve measureBrushCurve(const SimulatorParameters& parameters, double tilt, int stages,
-                             double deepest) {
+std::vector<BrushCurvePoint> measureBrushPoints(const SimulatorParameters& parameters, double tilt,
+                                                int stages, double deepest) {
   if (stages < 1 || !(deepest > 0 && deepest <= 0.8) || !(tilt >= 0 && tilt <= 1))
     throw std::invalid_argument(
         "a brush curve needs a stage, a depth in (0, 0.8] tip lengths, a tilt in [0, 1] rad");
@@ -228,7 +228,12 @@ BrushCurve measureBrushCurve(const SimulatorParameters& parameters, double tilt,
     if (width > 0) points.push_back({depth, width, lag});
   }
   if (points.empty()) throw std::runtime_error("the brush leaves no line at any depth");
-  return BrushCurve(std::move(points));
+  return points;
+}
+
+BrushCurve measureBrushCurve(const SimulatorParameters& parameters, double tilt, int stages,
+                             double deepest) {
+  return BrushCurve(measureBrushPoints(parameters, tilt, stages, deepest));
 }
 
 }  // namespace calligraphy_brush

@@ -4,6 +4,8 @@
 #include <string>
 #include <vector>
 
+#include "calligraphy_brush/files/png.h"
+
 namespace calligraphy_brush {
 
 /// Closed outlines; a point is inside where the winding number is not zero.
@@ -35,6 +37,11 @@ Outline parseSvgPath(const std::string& path, double tolerance = 0.25);
 
 /// Distance from a point to the nearest outline, > 0 inside and < 0 outside.
 double insideDistance(const Outline& outline, const Eigen::Vector2d& point);
+
+/// The inside of outlines as a grey picture: 255 · (1 − covered part), from 4 × 4 samples a pixel. The
+/// picture's lower left corner is at (0, 0), and a unit of the outlines is px_per_unit pixels.
+GreyPicture drawOutlines(const std::vector<Outline>& outlines, int width_px, int height_px,
+                         double px_per_unit);
 
 /// A place on the middle line of a stroke and the radius of the line there.
 struct MedialPoint {

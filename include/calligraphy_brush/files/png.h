@@ -21,6 +21,17 @@ struct GreyPicture {
 void writePng(const std::string& path, int width_px, int height_px,
               const std::vector<std::uint8_t>& mono8, double px_per_mm = 0.0);
 
+/// The same in 16 bits.
+void writePng16(const std::string& path, int width_px, int height_px,
+                const std::vector<std::uint16_t>& mono16, double px_per_mm = 0.0);
+
+/// What the values of a picture in colour are, in their order.
+enum class Colours { kRgb, kRgba };
+
+/// An 8 bit PNG in colour, of 3 or 4 values a pixel; otherwise as writePng.
+void writeColourPng(const std::string& path, int width_px, int height_px, Colours colours,
+                    const std::vector<std::uint8_t>& values, double px_per_mm = 0.0);
+
 /// Reads any PNG as 8 bit grey. Throws std::runtime_error with path and reason.
 GreyPicture readPng(const std::string& path);
 

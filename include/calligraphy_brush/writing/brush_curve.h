@@ -47,6 +47,10 @@ class BrushCurve {
 /// With a tilt, depth and lag count from where and at what height the point of the undeformed brush is.
 /// 0 < deepest ≤ 0.8; stages ≥ 1; 0 ≤ tilt ≤ 1. Throws ParameterError if the parameters are out of range
 /// and std::runtime_error if the brush leaves no line at any depth.
+std::vector<BrushCurvePoint> measureBrushPoints(const SimulatorParameters& parameters, double tilt = 0.0,
+                                                int stages = 10, double deepest = 0.4);
+
+/// The same as a curve.
 BrushCurve measureBrushCurve(const SimulatorParameters& parameters, double tilt = 0.0, int stages = 10,
                              double deepest = 0.4);
 
