@@ -9,10 +9,11 @@ fail() { printf 'error: %s\n' "$*" >&2; exit 1; }
 
 packages=(
   build-essential cmake git ninja-build python3
-  libbenchmark-dev libboost-program-options-dev libeigen3-dev libgtest-dev libpng-dev libyaml-cpp-dev
-  catkin ros-geometry-msgs ros-message-generation ros-std-msgs ros-std-srvs
+  libbenchmark-dev libboost-program-options-dev libeigen3-dev libevdev-dev libgtest-dev libnlopt-dev
+  libpng-dev libyaml-cpp-dev
+  catkin ros-geometry-msgs ros-message-generation ros-robot-state-publisher ros-std-msgs ros-std-srvs
   libdiagnostic-updater-dev libgeometry-msgs-dev libimage-transport-dev libnav-msgs-dev
-  libnodeletlib-dev libnodeletlib-tools librosbag-dev libroscpp-dev librostest-dev libsensor-msgs-dev
+  libnodeletlib-dev libnodeletlib-tools libopencv-contrib-dev librosbag-dev libroscpp-dev librostest-dev libsensor-msgs-dev
   libstd-msgs-dev libstd-srvs-dev libtf2-ros-dev libvisualization-msgs-dev pluginlib-dev
   python3-rosbag python3-roslaunch python3-rostest
 )

@@ -31,6 +31,29 @@ TEST(Readme, ParameterTableIsThatOfTheCode) {
       << "put the output of parameter_table between the markers";
 }
 
+TEST(Readme, TableOfTabletParametersIsThatOfTheCode) {
+  std::ifstream file(kSource / "README.md");
+  std::stringstream text;
+  text << file.rdbuf();
+  EXPECT_NE(text.str().find("<!-- tablet parameters:begin -->\n" + makeTabletParameterTable() +
+                            "<!-- tablet parameters:end -->"),
+            std::string::npos)
+      << "put the output of parameter_table --tablet between the markers";
+}
+
+TEST(Presets, EachTabletLoadsAndMakesAMapping) {
+  int count = 0;
+  for (const auto& entry : fs::directory_iterator(kSource / "config" / "tablets")) {
+    SCOPED_TRACE(entry.path());
+    ++count;
+    EXPECT_EQ(entry.path().extension(), ".yaml");
+    TabletDriverParameters parameters;
+    EXPECT_NO_THROW(loadYamlParameters(entry.path().string(), parameters));
+    EXPECT_NO_THROW(PenMapping(parameters.tablet, {0.2, 0.1, true}, {}));
+  }
+  EXPECT_GT(count, 0);
+}
+
 TEST(Presets, EachLoadsAndMakesASimulator) {
   for (const char* kind : {"brushes", "papers"}) {
     int count = 0;

@@ -20,6 +20,7 @@ const fs::path kSource = CALLIGRAPHY_BRUSH_SOURCE_DIR;
 const std::map<std::string, std::set<std::string>> kRooms = {
     {"common", {}},
     {"motion", {"common"}},
+    {"tablet", {"common", "motion"}},
     {"brush", {"common"}},
     {"rods", {"common", "brush"}},
     {"contact", {"common", "brush"}},
@@ -28,9 +29,14 @@ const std::map<std::string, std::set<std::string>> kRooms = {
     {"sim", {"common", "motion", "brush", "rods", "contact", "paper", "ink"}},
     {"files", {"common", "motion", "brush", "sim"}},
     {"writing", {"common", "motion", "brush", "sim", "paper", "files"}},
-    {"ros", {"common", "motion", "brush", "rods", "contact", "paper", "ink", "sim", "files"}},
+    {"vision", {"common"}},
+    {"score", {"common", "motion", "brush", "paper", "sim", "files", "writing"}},
+    {"ros",
+     {"common", "motion", "tablet", "vision", "brush", "rods", "contact", "paper", "ink", "sim",
+      "files"}},
     {"tools",
-     {"common", "motion", "brush", "rods", "contact", "paper", "ink", "sim", "files", "writing", "ros"}},
+     {"common", "motion", "tablet", "brush", "rods", "contact", "paper", "ink", "sim", "files",
+      "writing", "score", "ros"}},
 };
 
 const std::set<std::string> kRoomsWithRos = {"ros", "tools"};

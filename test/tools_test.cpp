@@ -73,7 +73,7 @@ class Tools : public ::testing::Test {
 };
 
 TEST_F(Tools, HaveHelp) {
-  for (const char* program : {"stroke_writer", "stroke_replay"}) {
+  for (const char* program : {"stroke_writer", "stroke_replay", "stroke_score", "watch_stroke"}) {
     const Result result = run(program, "--help");
     EXPECT_EQ(result.exit_code, 0);
     EXPECT_NE(result.out.find("Usage: " + std::string(program)), std::string::npos);
@@ -204,7 +204,8 @@ TEST_F(Tools, ReplayRefusesBadInput) {
   expectRefused("stroke_replay", "moon.bag o.png", "\"moon\" is not connected");
   expectRefused("stroke_replay", "a.bag missing/o.png", "cannot write missing/o.png");
   expectRefused("stroke_replay", "a.bag .", "it is a folder");
-  expectRefused("stroke_replay", "a.bag o.png --brush giant", "known: large, medium, small");
+  expectRefused("stroke_replay", "a.bag o.png --brush giant",
+                "known: acrylic, large, medium, short, small");
   expectRefused("stroke_replay", "a.bag o.png --brush none.yaml", "no such file");
   expectRefused("stroke_replay", "a.bag o.png --brush ./bad.yaml",
                 "bad.yaml:2: brush/tip_length = 7 is outside");
@@ -213,6 +214,14 @@ TEST_F(Tools, ReplayRefusesBadInput) {
   expectRefused("stroke_replay", "a.bag o.png --threads 0", "rods/threads = 0 is outside");
   expectRefused("stroke_replay", "a.bag o.png --colour red", "colour");
   expectRefused("stroke_replay", "a.bag o.png third", "");
+}
+
+TEST_F(Tools, WatchRefusesBadInput) {
+  writeBag("a.bag");
+  expectRefused("watch_stroke", "", "needs the bag");
+  expectRefused("watch_stroke", "none.bag", "none.bag");
+  expectRefused("watch_stroke", "a.bag --topic pen", "has no messages on pen");
+  expectRefused("watch_stroke", "a.bag --patience 0.1", "no ROS master");
 }
 
 TEST_F(Tools, WriterRefusesBadInput) {
@@ -224,6 +233,8 @@ TEST_F(Tools, WriterRefusesBadInput) {
   expectRefused("stroke_writer", "", "needs a stroke file or --glyph");
   expectRefused("stroke_writer", "s.yaml", "needs --bag FILE or --publish");
   expectRefused("stroke_writer", "s.yaml --glyph g.json --bag o.bag", "needs a stroke file or --glyph");
+  expectRefused("stroke_writer", ". --bag o.bag", ".: cannot be read: it is a folder");
+  expectRefused("stroke_writer", "--glyph . --bag o.bag", ".: cannot be read: it is a folder");
   expectRefused("stroke_writer", "none.yaml --bag o.bag", "none.yaml: cannot be read");
   expectRefused("stroke_writer", "bad.yaml --bag o.bag",
                 "bad.yaml:2: stroke 1, point 1 must be [x, y, depth]");
@@ -235,10 +246,21 @@ TEST_F(Tools, WriterRefusesBadInput) {
   expectRefused("stroke_writer", "s.yaml --bag .", "it is a folder");
   expectRefused("stroke_writer", "s.yaml --bag o.bag --rate 0", "rate = 0 is outside");
   expectRefused("stroke_writer", "s.yaml --bag o.bag --rate nan", "rate = nan is outside");
-  expectRefused("stroke_writer", "s.yaml --bag o.bag --brush giant", "known: large, medium, small");
+  expectRefused("stroke_writer", "s.yaml --bag o.bag --brush giant",
+                "known: acrylic, large, medium, short, small");
   expectRefused("stroke_writer", "--glyph g.json --size -1 --bag o.bag", "--size = -1 is outside");
   expectRefused("stroke_writer", "--glyph g.json --origin 1 --bag o.bag", "--origin needs two numbers");
   expectRefused("stroke_writer", "s.yaml --publish", "no ROS master at");
+}
+
+TEST_F(Tools, ScoreRefusesBadInput) {
+  expectRefused("stroke_score", "", "needs one of --recorded FOLDER, --glyphs FOLDER and --footprint");
+  expectRefused("stroke_score", "--footprint --glyphs g.json", "needs one of");
+  expectRefused("stroke_score", "--recorded none", "meta.json: cannot be read");
+  expectRefused("stroke_score", "--glyphs none.json", "none.json: cannot be read");
+  expectRefused("stroke_score", "--recorded none --rows some", "--rows = some is not one of");
+  expectRefused("stroke_score", "--recorded none --px-per-mm nan", "--px-per-mm = nan is outside");
+  expectRefused("stroke_score", "--footprint --csv missing/o.csv", "cannot write missing/o.csv");
 }
 
 TEST_F(Tools, WriterWritesACharacterWhereItIsTold) {

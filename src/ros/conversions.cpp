@@ -5,7 +5,13 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <iomanip>
 #include <limits>
+#include <map>
+#include <sstream>
+#include <vector>
+
+#include "calligraphy_brush/files/yaml_parameters.h"
 
 namespace calligraphy_brush {
 namespace {
@@ -146,6 +152,24 @@ geometry_msgs::PoseStamped toPoseStamped(const HandlePose& pose, const std::stri
   return message;
 }
 
+HandlePose transformed(const geometry_msgs::TransformStamped& X_PF, const HandlePose& pose_F) {
+  const HandlePose frame = toHandlePose(X_PF);
+  HandlePose pose = pose_F;
+  pose.position = frame.orientation * pose_F.position + frame.position;
+  pose.orientation = frame.orientation * pose_F.orientation;
+  return pose;
+}
+
+HandlePose toHandlePose(const geometry_msgs::TransformStamped& X_PH) {
+  HandlePose pose;
+  pose.stamp_ns = toNanoseconds(X_PH.header.stamp);
+  const auto& p = X_PH.transform.translation;
+  const auto& q = X_PH.transform.rotation;
+  pose.position = {p.x, p.y, p.z};
+  pose.orientation = Eigen::Quaterniond(q.w, q.x, q.y, q.z);
+  return pose;
+}
+
 geometry_msgs::TransformStamped toTransformStamped(const HandlePose& pose,
                                                    const std::string& paper_frame,
                                                    const std::string& handle_frame) {
@@ -158,6 +182,43 @@ geometry_msgs::TransformStamped toTransformStamped(const HandlePose& pose,
   message.transform.translation.z = pose.position.z();
   message.transform.rotation = toQuaternion(pose.orientation);
   return message;
+}
+
+ParameterValues toParameterValues(const SimulatorParameters& parameters) {
+  ParameterValues message;
+  visitParameters(parameters, [&](const std::string& name, const auto& field, const auto&, const char*,
+                                  const char*) {
+    std::ostringstream text;
+    text << std::boolalpha << std::setprecision(std::numeric_limits<double>::max_digits10) << field;
+    message.names.push_back(name);
+    message.values.push_back(text.str());
+  });
+  return message;
+}
+
+SimulatorParameters toSimulatorParameters(const ParameterValues& message) {
+  std::vector<std::string> problems;
+  if (message.names.size() != message.values.size())
+    throw ParameterError({std::to_string(message.names.size()) + " names of parameters and " +
+                          std::to_string(message.values.size()) + " values"});
+  std::map<std::string, std::string> texts;
+  for (std::size_t k = 0; k < message.names.size(); ++k) texts[message.names[k]] = message.values[k];
+  SimulatorParameters parameters;
+  visitParameters(parameters, [&](const std::string& name, auto& field, const auto& legal, const char*,
+                                  const char*) {
+    const auto text = texts.find(name);
+    if (text == texts.end()) return;
+    if (!parseYaml(text->second, field))
+      problems.push_back(name + " = " + text->second + " is not a value, legal are " +
+                         parameters_detail::rangeText(legal));
+    texts.erase(text);
+  });
+  for (const auto& [name, text] : texts)
+    problems.push_back(name + " = " + text + " is not a known parameter");
+  const auto out_of_range = findParameterProblems(parameters);
+  problems.insert(problems.end(), out_of_range.begin(), out_of_range.end());
+  if (!problems.empty()) throw ParameterError(problems);
+  return parameters;
 }
 
 geometry_msgs::WrenchStamped toWrenchStamped(const HandleWrench& wrench,

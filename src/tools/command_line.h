@@ -2,9 +2,11 @@
 
 #include <boost/program_options.hpp>
 #include <exception>
+#include <filesystem>
 #include <iostream>
-#include <optional>
+#include <stdexcept>
 #include <string>
+#include <system_error>
 #include <vector>
 
 #include "calligraphy_brush/common/parameters.h"
@@ -29,6 +31,13 @@ inline boost::program_options::variables_map parseCommandLine(
             values);
   po::notify(values);
   return values;
+}
+
+/// Throws std::runtime_error for a folder where a file is wanted.
+inline void refuseFolder(const std::string& path) {
+  std::error_code error;
+  if (std::filesystem::is_directory(path, error))
+    throw std::runtime_error(path + ": cannot be read: it is a folder");
 }
 
 /// Parameters of the simulator as brush_simulator_node has them with these presets.

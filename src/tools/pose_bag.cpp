@@ -1,5 +1,7 @@
 #include "pose_bag.h"
 
+#include <calligraphy_brush/BrushEvent.h>
+#include <calligraphy_brush/ParameterValues.h>
 #include <geometry_msgs/PoseStamped.h>
 #include <rosbag/bag.h>
 #include <rosbag/view.h>
@@ -58,6 +60,28 @@ void readTransforms(const rosbag::Bag& bag, tf2::BufferCore& transforms) {
   }
 }
 
+/// Events and parameters recorded beside the poses: same namespace, with or without a slash before.
+void readEvents(const rosbag::Bag& bag, const std::string& pose_topic, PoseBag& read) {
+  const std::string bare = withoutSlash(pose_topic);
+  const std::string ns = bare.substr(0, bare.rfind('/') == std::string::npos ? 0 : bare.rfind('/') + 1);
+  const auto topics = [&](const char* name) {
+    return rosbag::TopicQuery(std::vector<std::string>{ns + name, "/" + ns + name});
+  };
+  for (const rosbag::MessageInstance& instance : rosbag::View(bag, topics("brush_events")))
+    if (const auto event = instance.instantiate<BrushEvent>())
+      read.events.push_back({toNanoseconds(event->header.stamp), event->kind});
+  ParameterValues first;
+  for (const rosbag::MessageInstance& instance : rosbag::View(bag, topics("brush_parameters"))) {
+    const auto message = instance.instantiate<ParameterValues>();
+    if (!message) continue;
+    if (!read.parameters) {
+      first = *message;
+      read.parameters = toSimulatorParameters(first);
+    }
+    read.parameters_changed = read.parameters_changed || message->values != first.values;
+  }
+}
+
 }  // namespace
 
 void writePoseBag(const std::string& path, const std::vector<HandlePose>& poses,
@@ -88,6 +112,7 @@ PoseBag readPoseBag(const std::string& path, const std::string& topic, const std
   try {
     const rosbag::Bag bag(path, rosbag::bagmode::Read);
     rosbag::View view(bag, rosbag::TopicQuery(findTopic(path, bag, topic)));
+    readEvents(bag, topic, read);
     tf2::BufferCore transforms(ros::Duration(1e9));
     readTransforms(bag, transforms);
     for (const rosbag::MessageInstance& instance : view) {
@@ -98,11 +123,7 @@ PoseBag readPoseBag(const std::string& path, const std::string& topic, const std
           if (message->header.frame_id.empty()) throw tf2::LookupException("the pose names no frame");
           const auto X_PF =
               transforms.lookupTransform(paper_frame, message->header.frame_id, message->header.stamp);
-          const auto& p = X_PF.transform.translation;
-          const auto& q = X_PF.transform.rotation;
-          const Eigen::Quaterniond rotation(q.w, q.x, q.y, q.z);
-          pose.position = rotation * pose.position + Eigen::Vector3d(p.x, p.y, p.z);
-          pose.orientation = rotation * pose.orientation;
+          pose = transformed(X_PF, pose);
         } catch (const tf2::TransformException&) {
           ++read.unreachable["frame \"" + message->header.frame_id + "\" is not connected to \"" +
                              paper_frame + "\""];
@@ -111,6 +132,10 @@ PoseBag readPoseBag(const std::string& path, const std::string& topic, const std
       }
       read.poses.push_back(pose);
     }
+  } catch (const ParameterError& error) {
+    auto problems = error.problems();
+    for (auto& problem : problems) problem.insert(0, path + ": ");
+    throw ParameterError(problems);
   } catch (const rosbag::BagException& error) {
     throw std::runtime_error(path + ": not a readable bag: " + firstLine(error.what()));
   }

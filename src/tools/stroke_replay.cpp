@@ -1,9 +1,12 @@
+#include <calligraphy_brush/BrushEvent.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <chrono>
+#include <cinttypes>
 #include <cstdint>
 #include <cstdio>
+#include <deque>
 #include <iostream>
 #include <map>
 #include <stdexcept>
@@ -12,6 +15,7 @@
 
 #include "calligraphy_brush/files/atomic_file.h"
 #include "calligraphy_brush/files/png.h"
+#include "calligraphy_brush/files/svg.h"
 #include "calligraphy_brush/sim/simulator.h"
 #include "command_line.h"
 #include "pose_bag.h"
@@ -27,7 +31,112 @@ using namespace calligraphy_brush;
 struct Arguments {
   std::string bag, picture;
   std::string brush, paper, topic;
-  bool quiet = false;
+  bool quiet = false, state_hash = false;
+  std::string format = "grey", strokes, outline;
+  int undo = 0;
+};
+
+/// "out.png" and "_01" to "out_01.png".
+std::string withSuffix(const std::string& path, const std::string& suffix) {
+  const auto dot = path.rfind('.');
+  const auto slash = path.rfind('/');
+  const bool has_ending = dot != std::string::npos && (slash == std::string::npos || dot > slash);
+  return has_ending ? path.substr(0, dot) + suffix + path.substr(dot) : path + suffix;
+}
+
+void writePicture(const std::string& path, const std::string& format, const Paper& paper) {
+  const int width = paper.width_px(), height = paper.height_px();
+  const double px_per_mm = paper.parameters().px_per_mm;
+  std::vector<std::uint8_t> values;
+  if (format == "grey") {
+    paper.render(values);
+    writePng(path, width, height, values, px_per_mm);
+  } else if (format == "grey16") {
+    std::vector<std::uint16_t> mono16;
+    paper.render(mono16);
+    writePng16(path, width, height, mono16, px_per_mm);
+  } else if (format == "colour") {
+    paper.renderColour(values);
+    writeColourPng(path, width, height, Colours::kRgb, values, px_per_mm);
+  } else {
+    paper.renderTransparent(values);
+    writeColourPng(path, width, height, Colours::kRgba, values, px_per_mm);
+  }
+}
+
+/// The sheet at the end of each stroke, a stroke being from the first touch to the last: as many as
+/// can be taken back. An old sheet goes on from there as if nothing had been written since.
+class Strokes {
+ public:
+  Strokes(const Arguments& arguments, const Paper& blank)
+      : arguments_(arguments),
+        is_used_(arguments.undo > 0 || !arguments.strokes.empty() || !arguments.outline.empty()) {
+    if (is_used_) ends_.push_back({blank, 0});
+  }
+
+  void look(const Simulator& simulator) {
+    const bool touches = simulator.report().touching_rods > 0;
+    if (is_used_ && touched_ && !touches) end(simulator);
+    if (count_ == 0 && !touches && is_used_) ends_.back().time_ns = simulator.time_ns();
+    touched_ = touches;
+  }
+  /// The sheet without the last strokes, at the time of the simulator; what the simulator has if there
+  /// are none to take back.
+  Paper finish(const Simulator& simulator) {
+    if (is_used_ && touched_) end(simulator);
+    if (arguments_.undo == 0) return simulator.paper();
+    if (arguments_.undo > count_)
+      throw std::runtime_error("undo = " + std::to_string(arguments_.undo) + ", but there are " +
+                               std::to_string(count_) + " strokes");
+    return aged(ends_[ends_.size() - 1 - static_cast<std::size_t>(arguments_.undo)],
+                simulator.time_ns());
+  }
+  /// Name and outline of each stroke that is left.
+  std::vector<std::pair<std::string, std::vector<Outline>>> outlines() const {
+    auto left = outlines_;
+    left.resize(left.size() - std::min(left.size(), static_cast<std::size_t>(arguments_.undo)));
+    return left;
+  }
+
+ private:
+  struct End {
+    Paper paper;
+    std::int64_t time_ns;
+  };
+
+  static Paper aged(const End& end, std::int64_t time_ns) {
+    Paper paper = end.paper;
+    constexpr std::int64_t kInterval_ns = 16000000;
+    for (std::int64_t left = time_ns - end.time_ns; left > 0; left -= kInterval_ns)
+      paper.flow(1e-9 * static_cast<double>(std::min(left, kInterval_ns)));
+    return paper;
+  }
+
+  void end(const Simulator& simulator) {
+    ++count_;
+    const Paper& paper = simulator.paper();
+    if (!arguments_.strokes.empty() || !arguments_.outline.empty()) {
+      std::vector<std::uint8_t> added;
+      paper.renderAdded(aged(ends_.back(), simulator.time_ns()), added);
+      char suffix[16];
+      std::snprintf(suffix, sizeof suffix, "_%02d", count_);
+      if (!arguments_.strokes.empty())
+        writePng(withSuffix(arguments_.strokes, suffix), paper.width_px(), paper.height_px(), added,
+                 paper.parameters().px_per_mm);
+      if (!arguments_.outline.empty())
+        outlines_.emplace_back("stroke" + std::string(suffix),
+                               traceOutlines(paper.width_px(), paper.height_px(), added));
+    }
+    ends_.push_back({paper, simulator.time_ns()});
+    if (ends_.size() > static_cast<std::size_t>(arguments_.undo) + 1) ends_.pop_front();
+  }
+
+  const Arguments& arguments_;
+  bool is_used_;
+  bool touched_ = false;
+  int count_ = 0;
+  std::deque<End> ends_;
+  std::vector<std::pair<std::string, std::vector<Outline>>> outlines_;
 };
 
 /// A bar on stderr that is written over; nothing if that is not a terminal.
@@ -56,12 +165,25 @@ class ProgressBar {
   int percent_ = -1;
 };
 
-void replay(const Arguments& arguments, const BrushSimulatorParameters& parameters) {
-  const PoseBag bag = readPoseBag(arguments.bag, arguments.topic, parameters.ros.paper_frame);
+void apply(std::uint8_t kind, Simulator& simulator) {
+  switch (kind) {
+    case BrushEvent::DIP: return simulator.dip();
+    case BrushEvent::WIPE: return simulator.wipe();
+    case BrushEvent::CLEAR_PAPER: return simulator.clearPaper();
+    case BrushEvent::RESET: return simulator.reset();
+    default:
+      throw std::runtime_error("brush_events: kind = " + std::to_string(kind) + " is outside [1, 4]");
+  }
+}
+
+void replay(const Arguments& arguments, const PoseBag& bag, const BrushSimulatorParameters& parameters) {
   std::map<std::string, std::uint64_t> refused = bag.unreachable;
   Simulator simulator(parameters.simulator);
   // A picture that cannot be written shall not cost a simulation first.
   { const AtomicFile probe(arguments.picture); }
+  for (const std::string& path : {arguments.strokes, arguments.outline})
+    if (!path.empty()) const AtomicFile probe(path);
+  Strokes strokes(arguments, simulator.paper());
 
   using Clock = std::chrono::steady_clock;
   const auto begin = Clock::now();
@@ -69,16 +191,25 @@ void replay(const Arguments& arguments, const BrushSimulatorParameters& paramete
   std::uint64_t accepted = 0;
   {
     ProgressBar progress(bag.poses.size(), arguments.quiet);
+    auto event = bag.events.begin();
     for (std::size_t k = 0; k < bag.poses.size(); ++k) {
+      for (; event != bag.events.end() && event->stamp_ns == 0; ++event) apply(event->kind, simulator);
       const PoseVerdict verdict = simulator.addPose(bag.poses[k]);
       if (verdict == PoseVerdict::kAccepted) {
         ++accepted;
         steps += simulator.advance();
+        strokes.look(simulator);
       } else {
         ++refused[toString(verdict)];
       }
+      for (; event != bag.events.end() && event->stamp_ns == bag.poses[k].stamp_ns; ++event)
+        apply(event->kind, simulator);
       progress.show(k + 1);
     }
+    for (; event != bag.events.end() && event->stamp_ns == 0; ++event) apply(event->kind, simulator);
+    if (event != bag.events.end())
+      std::cerr << "stroke_replay: warning: " << bag.events.end() - event
+                << " events left out: the bag has no pose that they come after\n";
   }
   const double wall = std::chrono::duration<double>(Clock::now() - begin).count();
 
@@ -90,15 +221,16 @@ void replay(const Arguments& arguments, const BrushSimulatorParameters& paramete
                              (why.empty() ? "" : " (" + why + ")"));
   if (!why.empty()) std::cerr << "stroke_replay: warning: " << why << "\n";
 
-  const Paper& paper = simulator.paper();
+  const Paper paper = strokes.finish(simulator);
   if (!arguments.quiet && paper.inkVolume() <= 0.0)
     std::cerr << "stroke_replay: warning: nothing was written: no hair met the sheet. Were the poses "
                  "made for brush "
-              << arguments.brush << "?\n";
-  std::vector<std::uint8_t> picture;
-  paper.render(picture);
-  writePng(arguments.picture, paper.width_px(), paper.height_px(), picture,
-           parameters.simulator.paper.px_per_mm);
+              << (arguments.brush.empty() ? "as recorded" : arguments.brush) << "?\n";
+  if (!arguments.outline.empty())
+    writeSvg(arguments.outline, paper.width_px(), paper.height_px(), paper.parameters().px_per_mm,
+             strokes.outlines());
+  writePicture(arguments.picture, arguments.format, paper);
+  if (arguments.state_hash) std::printf("%016" PRIx64 "\n", simulator.stateHash());
   if (arguments.quiet) return;
   const double simulated = static_cast<double>(steps) * parameters.simulator.rods.time_step;
   std::printf("%s: %llu poses, simulated %.3f s in %.3f s: %.1f x real time\n",
@@ -112,20 +244,29 @@ void run(const std::vector<std::string>& words) {
   int threads = 0;
   po::options_description options("Options");
   options.add_options()("help", "show this and exit");
-  options.add_options()("brush",
-                        po::value(&arguments.brush)->default_value("medium")->value_name("NAME|FILE"),
-                        "preset in config/brushes, or a YAML file");
-  options.add_options()("paper",
-                        po::value(&arguments.paper)->default_value("plain")->value_name("NAME|FILE"),
-                        "preset in config/papers, or a YAML file");
+  options.add_options()("brush", po::value(&arguments.brush)->value_name("NAME|FILE"),
+                        "preset in config/brushes, or a YAML file; default: as recorded, else medium");
+  options.add_options()("paper", po::value(&arguments.paper)->value_name("NAME|FILE"),
+                        "preset in config/papers, or a YAML file; default: as recorded, else plain");
   options.add_options()("px-per-mm", po::value(&px_per_mm)->value_name("N"),
                         "resolution, instead of the paper's");
+  options.add_options()("format",
+                        po::value(&arguments.format)->default_value("grey")->value_name("KIND"),
+                        "grey, grey16, colour, or transparent: ink without paper");
+  options.add_options()("undo", po::value(&arguments.undo)->default_value(0)->value_name("N"),
+                        "leave out the last N strokes; a stroke is from first to last touch");
+  options.add_options()("strokes", po::value(&arguments.strokes)->value_name("FILE.png"),
+                        "write what each stroke added, as FILE_01.png and so on");
+  options.add_options()("outline", po::value(&arguments.outline)->value_name("FILE.svg"),
+                        "write the outline of each stroke's ink");
   options.add_options()("threads", po::value(&threads)->value_name("N"),
                         "threads that solve rods; the picture does not depend on it");
   options.add_options()("topic",
                         po::value(&arguments.topic)->default_value("handle_pose")->value_name("NAME"),
                         "topic of the poses in the bag");
   options.add_options()("quiet", po::bool_switch(&arguments.quiet), "no progress bar and no last line");
+  options.add_options()("hash", po::bool_switch(&arguments.state_hash),
+                        "print the hash of rods, ink and sheet at the end, as ~state_hash does");
   po::options_description hidden;
   hidden.add_options()("bag", po::value(&arguments.bag));
   hidden.add_options()("picture", po::value(&arguments.picture));
@@ -144,11 +285,30 @@ void run(const std::vector<std::string>& words) {
   if (values.count("bag") == 0 || values.count("picture") == 0)
     throw std::runtime_error(
         "needs a bag and a picture to write: stroke_replay in.bag out.png (see --help)");
-  BrushSimulatorParameters parameters = loadPresets(arguments.brush, arguments.paper);
+  if (arguments.format != "grey" && arguments.format != "grey16" && arguments.format != "colour" &&
+      arguments.format != "transparent")
+    throw std::runtime_error("--format = " + arguments.format +
+                             " is not one of grey, grey16, colour, transparent");
+  if (arguments.undo < 0)
+    throw std::runtime_error("--undo = " + std::to_string(arguments.undo) + " is below 0");
+  BrushSimulatorParameters parameters;
+  const PoseBag bag = readPoseBag(arguments.bag, arguments.topic, parameters.ros.paper_frame);
+  if (bag.parameters) {
+    parameters.simulator = *bag.parameters;
+    if (bag.parameters_changed)
+      std::cerr
+          << "stroke_replay: warning: the parameters changed during the recording; the first hold\n";
+    if (!arguments.brush.empty()) loadYamlParameters(findPreset("brushes", arguments.brush), parameters);
+    if (!arguments.paper.empty()) loadYamlParameters(findPreset("papers", arguments.paper), parameters);
+  } else {
+    if (arguments.brush.empty()) arguments.brush = "medium";
+    if (arguments.paper.empty()) arguments.paper = "plain";
+    parameters = loadPresets(arguments.brush, arguments.paper);
+  }
   if (values.count("px-per-mm") > 0) parameters.simulator.paper.px_per_mm = px_per_mm;
   if (values.count("threads") > 0) parameters.simulator.rods.threads = threads;
   checkParameters(parameters);
-  replay(arguments, parameters);
+  replay(arguments, bag, parameters);
 }
 
 }  // namespace

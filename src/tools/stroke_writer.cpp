@@ -16,6 +16,7 @@
 #include "calligraphy_brush/files/stroke_file.h"
 #include "calligraphy_brush/ros/conversions.h"
 #include "calligraphy_brush/writing/brush_curve.h"
+#include "calligraphy_brush/writing/correction.h"
 #include "calligraphy_brush/writing/trajectory.h"
 #include "command_line.h"
 #include "pose_bag.h"
@@ -34,14 +35,34 @@ struct Arguments {
   std::vector<double> origin;
   StrokePoint defaults;
   WritingParameters writing;
+  int passes = 1;
   bool publish = false, no_lag_compensation = false, quiet = false;
 };
 
+Eigen::Vector2d originOf(const Arguments& arguments, const PaperParameters& paper) {
+  if (!arguments.origin.empty()) return {arguments.origin[0], arguments.origin[1]};
+  return {0.5 * (paper.width - arguments.size), 0.5 * (paper.height - arguments.size)};
+}
+
 std::vector<Stroke> readStrokes(const Arguments& arguments, const PaperParameters& paper) {
   if (arguments.glyph.empty()) return readStrokeFile(arguments.strokes);
-  Eigen::Vector2d origin(0.5 * (paper.width - arguments.size), 0.5 * (paper.height - arguments.size));
-  if (!arguments.origin.empty()) origin = {arguments.origin[0], arguments.origin[1]};
-  return strokesOfGlyph(readGlyph(arguments.glyph), arguments.size, origin, arguments.defaults);
+  return strokesOfGlyph(readGlyph(arguments.glyph), arguments.size, originOf(arguments, paper),
+                        arguments.defaults);
+}
+
+/// A character's strokes after practice.
+std::vector<Stroke> practise(const Arguments& arguments, const std::vector<Stroke>& strokes,
+                             const SimulatorParameters& parameters, const BrushCurve& curve) {
+  if (!arguments.quiet) std::cerr << "practising " << strokes.size() << " strokes ...\n";
+  CorrectionOptions options;
+  options.passes = arguments.passes;
+  const auto outlines =
+      outlinesOfGlyph(readGlyph(arguments.glyph), arguments.size, originOf(arguments, parameters.paper));
+  std::vector<Stroke> practised;
+  for (const CorrectedStroke& corrected :
+       correctStrokes(strokes, outlines, parameters, arguments.writing, curve, options))
+    practised.push_back(corrected.stroke);
+  return practised;
 }
 
 /// The brush's curve if a stroke is given by width; says if it cannot write that wide.
@@ -135,6 +156,12 @@ po::options_description describeOptions(Arguments& a) {
   options.add_options()(
       "lean", po::value(&a.writing.lean)->default_value(a.writing.lean, "0.2")->value_name("RAD"),
       "tilt the way the stroke goes, for strokes given by line width without a tilt");
+  options.add_options()("passes", po::value(&a.passes)->default_value(1)->value_name("N"),
+                        "practise each stroke of a character so often in the simulator and correct it "
+                        "against its outline; 1: as planned");
+  options.add_options()(
+      "lead", po::value(&a.writing.lead)->default_value(a.writing.lead, "0.5")->value_name("PART"),
+      "lead of the handle over the lag of the footprint, for strokes given by line width");
   options.add_options()(
       "no-lag-compensation", po::bool_switch(&a.no_lag_compensation),
       "lead the handle along the mark itself, not ahead of it by how far the tip trails");
@@ -145,6 +172,7 @@ po::options_description describeOptions(Arguments& a) {
 void check(const Arguments& a) {
   if (a.strokes.empty() == a.glyph.empty())
     throw std::runtime_error("needs a stroke file or --glyph FILE (see --help)");
+  refuseFolder(a.strokes.empty() ? a.glyph : a.strokes);
   if (a.bag.empty() && !a.publish)
     throw std::runtime_error("needs --bag FILE or --publish (see --help)");
   if (!a.origin.empty() && a.origin.size() != 2)
@@ -155,6 +183,9 @@ void check(const Arguments& a) {
                                " is outside " + parameters_detail::rangeText(Range{low, high}) + " " +
                                unit);
   };
+  if (a.passes > 1 && a.glyph.empty())
+    throw std::runtime_error("--passes needs the outlines of a --glyph");
+  inRange("--passes", a.passes, 1, 100, "");
   inRange("--size", a.size, 1e-3, 2.0, "m");
   for (const double coordinate : a.origin) inRange("--origin", coordinate, -10.0, 10.0, "m");
   inRange("--speed", a.defaults.speed, 1e-4, 5.0, "m/s");
@@ -189,10 +220,12 @@ void run(int argc, char** argv) {
   arguments.writing.lag_compensation = !arguments.no_lag_compensation;
 
   const BrushSimulatorParameters parameters = loadPresets(arguments.brush, arguments.paper);
-  const std::vector<Stroke> strokes = readStrokes(arguments, parameters.simulator.paper);
+  std::vector<Stroke> strokes = readStrokes(arguments, parameters.simulator.paper);
   if (!arguments.bag.empty()) const AtomicFile probe(arguments.bag);
   const auto curve =
       measureIfNeeded(strokes, parameters.simulator, arguments.writing.lean, arguments.quiet);
+  if (arguments.passes > 1 && curve)
+    strokes = practise(arguments, strokes, parameters.simulator, *curve);
   const double tip_length = makeBrush(parameters.simulator.brush).tip_length;
   const auto poses = planHandlePoses(strokes, arguments.writing, tip_length, curve ? &*curve : nullptr);
   if (!arguments.bag.empty()) {

@@ -7,14 +7,14 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <boost/program_options.hpp>
 #include <cstdint>
 #include <cstdio>
-#include <exception>
 #include <iostream>
 #include <stdexcept>
 #include <string>
 #include <vector>
+
+#include "command_line.h"
 
 // Watches a brush_simulator that is fed from a bag: shows how far it is, and when every pose of the
 // bag has been simulated has the picture saved and prints its path. Exit 1 if it stops on the way.
@@ -91,34 +91,38 @@ std::string saveImage(const Arguments& arguments) {
   return save.response.message;
 }
 
-}  // namespace
-
-int main(int argc, char** argv) try {
-  Arguments arguments;
-  po::options_description options("Options");
-  options.add_options()("help,h", "this text")("bag", po::value(&arguments.bag)->required(),
-                                               "the bag that is being played")(
-      "topic", po::value(&arguments.topic)->default_value(arguments.topic),
-      "name of the poses in the bag")(
-      "simulator", po::value(&arguments.simulator)->default_value(arguments.simulator),
-      "node to save from")("patience", po::value(&arguments.patience)->default_value(arguments.patience),
-                           "give up after so long without progress [s]");
+void run(int argc, char** argv) {
   // Takes the arguments meant for ROS, such as remappings, from the rest.
   ros::init(argc, argv, "watch_stroke", ros::init_options::AnonymousName);
-  po::variables_map values;
-  po::store(po::command_line_parser(argc, argv)
-                .options(options)
-                .positional(po::positional_options_description().add("bag", 1))
-                .run(),
-            values);
-  if (values.count("help") != 0) {
+  Arguments arguments;
+  po::options_description options("Options");
+  options.add_options()("help", "show this and exit");
+  options.add_options()("topic",
+                        po::value(&arguments.topic)->default_value(arguments.topic)->value_name("NAME"),
+                        "name of the poses in the bag");
+  options.add_options()(
+      "simulator",
+      po::value(&arguments.simulator)->default_value(arguments.simulator)->value_name("NODE"),
+      "node to save from");
+  options.add_options()(
+      "patience", po::value(&arguments.patience)->default_value(arguments.patience)->value_name("S"),
+      "give up after so long without progress [s]");
+  po::options_description hidden;
+  hidden.add_options()("bag", po::value(&arguments.bag));
+  po::options_description all;
+  all.add(options).add(hidden);
+  po::positional_options_description positional;
+  positional.add("bag", 1);
+  const po::variables_map values =
+      calligraphy_brush::parseCommandLine({argv + 1, argv + argc}, all, positional);
+  if (values.count("help") > 0) {
     std::cout
-        << "usage: watch_stroke BAG [options]\n\nShows how far a brush_simulator is that is fed from "
-           "BAG, then has its picture saved.\n\n"
+        << "Usage: watch_stroke in.bag [options]\n"
+           "Shows how far a brush_simulator is that is fed from a bag, then has its picture saved.\n\n"
         << options;
-    return 0;
+    return;
   }
-  po::notify(values);
+  if (arguments.bag.empty()) throw std::runtime_error("needs the bag that is being played (see --help)");
 
   const std::uint64_t pose_count = countPoses(arguments);
   const ros::SteadyTime start = ros::SteadyTime::now();
@@ -129,8 +133,10 @@ int main(int argc, char** argv) try {
   }
   watch(arguments, pose_count);
   std::cout << saveImage(arguments) << "\n";
-  return 0;
-} catch (const std::exception& error) {
-  std::cerr << "watch_stroke: " << error.what() << "\n";
-  return 1;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  return calligraphy_brush::runTool("watch_stroke", [&] { run(argc, argv); });
 }

@@ -211,6 +211,109 @@ TEST_F(OnRos, PosesInOtherFramesAreBroughtToThePaperOnceTheFrameIsKnown) {
   EXPECT_LT(different, countInked(expected) / 10);
 }
 
+TEST_F(OnRos, AStampFarAheadIsRefusedAndBlocksNothing) {
+  HandlePose far = stroke()[0];
+  far.stamp_ns = toNanoseconds(ros::Time::now()) + 3600'000'000'000;
+  publish(far);  // as the first one
+  const auto poses = stroke();
+  for (std::size_t k = 0; k < poses.size(); ++k) {
+    publish(poses[k]);
+    if (k != 50) continue;
+    far = poses[k + 1];
+    far.stamp_ns += 3600'000'000'000;
+    publish(far);
+  }
+  ASSERT_TRUE(spinUntilTaken(101, 2));
+  EXPECT_EQ(state_.newest->refused_too_far_ahead, 2U);
+  EXPECT_LT(state_.newest->backlog, 0.01);
+}
+
+TEST_F(OnRos, WhenPosesStopTheTipHoldsAndGoesOnElsewhereWithoutALine) {
+  const auto poses = stroke();
+  publish(std::vector<HandlePose>(poses.begin(), poses.begin() + 51));
+  ASSERT_TRUE(spinUntilTaken(51));
+  const auto before = picture();
+  ASSERT_TRUE(spinUntilState([](const BrushState& state) { return state.holding; }));
+  EXPECT_GT(state_.newest->silence, 0.2);
+  EXPECT_GT(state_.newest->touching_rods, 0U);
+  EXPECT_EQ(picture(), before) << "the tip did not hold";
+
+  // Back 15 mm further along y: nothing may be written between.
+  std::vector<HandlePose> rest(poses.begin() + 51, poses.end());
+  for (HandlePose& pose : rest) {
+    pose.stamp_ns += 1'000'000'000;
+    pose.position.y() += 0.015;
+  }
+  publish(rest);
+  ASSERT_TRUE(spinUntilTaken(101));
+  const auto after = picture();
+  const auto inkedRows = [&](std::size_t first, std::size_t last) {
+    constexpr std::size_t width = 100;  // 50 mm of 2 px, as in brush_simulator.test; the top row first
+    long count = 0;
+    for (std::size_t pixel = first * width; pixel < last * width; ++pixel) count += after[pixel] < 200;
+    return count;
+  };
+  EXPECT_GT(inkedRows(40, 60), 0) << "y = 20 .. 30 mm";
+  EXPECT_EQ(inkedRows(28, 40), 0) << "y = 30 .. 36 mm, between the strokes";
+  EXPECT_GT(inkedRows(10, 28), 0) << "y = 36 .. 45 mm";
+}
+
+TEST_F(OnRos, AfterAPauseOnTheSpotTheStrokeGoesOn) {
+  auto poses = stroke();
+  publish(poses);
+  ASSERT_TRUE(spinUntilTaken(101));
+  const auto without_pause = picture();
+  call("reset");
+  ASSERT_TRUE(spinUntilTaken(0));
+  for (std::size_t k = 51; k < poses.size(); ++k) poses[k].stamp_ns += 1'000'000'000;
+  publish(poses);
+  ASSERT_TRUE(spinUntilTaken(101));
+  // The handle stood still for a second: rods settle, and that is all.
+  const auto with_pause = picture();
+  int different = 0;
+  for (std::size_t pixel = 0; pixel < with_pause.size(); ++pixel)
+    different += std::abs(int{with_pause[pixel]} - int{without_pause[pixel]}) > 100 ? 1 : 0;
+  EXPECT_LT(different, countInked(without_pause) / 5);
+}
+
+TEST_F(OnRos, AClockThatDiffersIsNoticed) {
+  Listener<diagnostic_msgs::DiagnosticArray> diagnostics(node_, "/diagnostics");
+  ASSERT_TRUE(spinUntil([&] { return diagnostics.isConnected(); }));
+  for (const double difference : {7.0, -3.0}) {
+    call("reset");
+    const auto is_noticed = [&] {
+      publish(stroke(toNanoseconds(ros::Time::now()) - std::llround(1e9 * difference))[0]);
+      return state_.newest && std::abs(state_.newest->clock_difference - difference) < 0.4 &&
+             diagnostics.newest && !diagnostics.newest->status.empty() &&
+             diagnostics.newest->status[0].message.find("clock") != std::string::npos;
+    };
+    EXPECT_TRUE(spinUntil(is_noticed)) << difference << " s";
+  }
+}
+
+TEST_F(OnRos, CommandsWaitForThePosesThatTheyComeAfter) {
+  auto commands = node_.advertise<BrushEvent>("brush_command", 10);
+  Listener<BrushEvent> events(node_, "brush_events");
+  ASSERT_TRUE(spinUntil([&] { return commands.getNumSubscribers() > 0 && events.isConnected(); }));
+  const auto poses = stroke();
+  BrushEvent command;
+  command.kind = BrushEvent::WIPE;
+  command.header.stamp = toRosTime(poses[100].stamp_ns);
+  commands.publish(command);
+  publish(poses);
+  ASSERT_TRUE(spinUntilState([](const BrushState& state) { return state.ink_left == 0.0; }));
+  EXPECT_GT(countInked(picture()), 20) << "the brush was wiped before it wrote";
+  ASSERT_TRUE(spinUntil([&] { return events.newest && events.newest->kind == BrushEvent::WIPE; }));
+  EXPECT_EQ(events.newest->header.stamp, command.header.stamp);
+
+  command.kind = 77;
+  commands.publish(command);
+  command.kind = BrushEvent::DIP;
+  command.header.stamp = ros::Time();
+  commands.publish(command);
+  EXPECT_TRUE(spinUntilState([](const BrushState& state) { return state.ink_left > 0.999; }));
+}
+
 TEST_F(OnRos, DiagnosticsTellOfRefusedPoses) {
   Listener<diagnostic_msgs::DiagnosticArray> diagnostics(node_, "/diagnostics");
   ASSERT_TRUE(spinUntil([&] { return diagnostics.isConnected(); }));

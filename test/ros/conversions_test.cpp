@@ -91,7 +91,7 @@ TEST(Picture, ShowsInkWhereItLiesOnTheSheet) {
   parameters.px_per_mm = 1.0;
   Paper paper(parameters);
   // Near the right end of the lower edge.
-  paper.deposit({0.0265, 0.0025, 0.002, 0.0265, 0.0025, 0.002}, 1e-3);
+  paper.addDisc(0.0265, 0.0025, 0.002, 1e-3);
 
   const auto image = toImage(paper, makeHeader());
   EXPECT_EQ(image.encoding, "mono8");
@@ -131,6 +131,50 @@ TEST(Picture, GreysOfTheMapAreThoseOfTheImageInSteps) {
   EXPECT_EQ(map.data.back(), 0);
   for (std::size_t grey = 0; grey < 256; ++grey)
     EXPECT_NEAR(map.data[grey], 100.0 * (255.0 - static_cast<double>(grey)) / 255.0, 0.501) << grey;
+}
+
+TEST(Pose, IsBroughtToAnotherFrame) {
+  HandlePose X_PF;
+  X_PF.position = {0.5, 0.0, 0.0};
+  X_PF.orientation = Eigen::AngleAxisd(std::acos(-1.0) / 2, Eigen::Vector3d::UnitZ());
+  HandlePose pose;
+  pose.stamp_ns = 7;
+  pose.position = {0.1, 0.2, 0.3};
+  const HandlePose moved = transformed(toTransformStamped(X_PF, "paper", "frame"), pose);
+  EXPECT_EQ(moved.stamp_ns, 7);
+  EXPECT_LT((moved.position - Eigen::Vector3d(0.3, 0.1, 0.3)).norm(), 1e-15);
+  EXPECT_LT(moved.orientation.angularDistance(X_PF.orientation), 1e-15);
+  pose.orientation.coeffs().setZero();
+  EXPECT_EQ(transformed(toTransformStamped(X_PF, "paper", "frame"), pose).orientation.norm(), 0.0);
+}
+
+TEST(Parameters, ComeBackToTheBit) {
+  SimulatorParameters parameters;
+  parameters.brush.tip_length = 0.1 / 3;
+  parameters.rods.scheme = "sdirk2";
+  parameters.contact.paper = false;
+  parameters.brush.rod_count = 77;
+  const auto message = toParameterValues(parameters);
+  const SimulatorParameters read = toSimulatorParameters(message);
+  EXPECT_EQ(toParameterValues(read).values, message.values);
+  EXPECT_EQ(read.brush.tip_length, parameters.brush.tip_length);
+  EXPECT_EQ(read.rods.scheme, "sdirk2");
+  EXPECT_FALSE(read.contact.paper);
+  EXPECT_EQ(read.brush.rod_count, 77);
+}
+
+TEST(Parameters, EachWrongOneIsNamed) {
+  ParameterValues message;
+  message.names = {"brush/tip_length", "brush/colour", "brush/seed"};
+  message.values = {"7", "red", "many"};
+  try {
+    toSimulatorParameters(message);
+    FAIL() << "taken";
+  } catch (const ParameterError& error) {
+    EXPECT_EQ(error.problems().size(), 3U) << error.what();
+  }
+  message.values.pop_back();
+  EXPECT_THROW(toSimulatorParameters(message), ParameterError);
 }
 
 TEST(Markers, ShowAllRodsAsOneListOfLines) {

@@ -47,14 +47,17 @@ TEST(BadParameters, NodeNamesAllOfThemAndExitsWith1) {
   expectAllAreNamed("/bad_node", output);
 }
 
-TEST(BadParameters, FrameNamesAreChecked) {
+TEST(BadParameters, NamesOfFramesAndFilesAreChecked) {
   ros::param::set("/bad_frames/ros/paper_frame", "/paper");
   ros::param::set("/bad_frames/ros/handle_frame", "");
+  ros::param::set("/bad_frames/ros/image_path", "");
   std::string output;
   EXPECT_EQ(run("'" BRUSH_SIMULATOR_NODE "' __name:=bad_frames", output), 1);
   EXPECT_NE(output.find("/bad_frames/ros/paper_frame = \"/paper\" is not a frame name"),
             std::string::npos);
   EXPECT_NE(output.find("/bad_frames/ros/handle_frame = \"\" is not a frame name"), std::string::npos);
+  EXPECT_NE(output.find("/bad_frames/ros/image_path = \"\" is not the name of a file"),
+            std::string::npos);
 }
 
 TEST(BadParameters, NodeletIsNotLoadedAndItsManagerLivesOn) {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <calligraphy_brush/BrushEvent.h>
 #include <calligraphy_brush/BrushState.h>
 #include <geometry_msgs/PoseStamped.h>
 #include <gtest/gtest.h>

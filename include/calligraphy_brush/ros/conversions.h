@@ -1,5 +1,6 @@
 #pragma once
 
+#include <calligraphy_brush/ParameterValues.h>
 #include <geometry_msgs/PoseStamped.h>
 #include <geometry_msgs/TransformStamped.h>
 #include <geometry_msgs/WrenchStamped.h>
@@ -32,10 +33,24 @@ HandlePose toHandlePose(const geometry_msgs::PoseStamped& message);
 /// Inverse of toHandlePose, exact to the bit.
 geometry_msgs::PoseStamped toPoseStamped(const HandlePose& pose, const std::string& frame);
 
+/// The pose X_PH of a handle given as X_FH, from X_PF. The stamp is the pose's; nothing is
+/// checked or normalised: a zero or NaN quaternion stays what it is and is refused as that.
+HandlePose transformed(const geometry_msgs::TransformStamped& X_PF, const HandlePose& pose_F);
+
+/// The handle where a transform from the paper frame to the handle's puts it. Exact to the bit.
+HandlePose toHandlePose(const geometry_msgs::TransformStamped& X_PH);
+
 /// X_PH as a transform from paper_frame to handle_frame.
 geometry_msgs::TransformStamped toTransformStamped(const HandlePose& pose,
                                                    const std::string& paper_frame,
                                                    const std::string& handle_frame);
+
+/// All parameters that decide a stroke, without a header.
+ParameterValues toParameterValues(const SimulatorParameters& parameters);
+
+/// Inverse of toParameterValues, exact to the bit. Parameters that the message lacks keep their
+/// defaults. Throws ParameterError naming each one that is unknown, of a wrong type or out of range.
+SimulatorParameters toSimulatorParameters(const ParameterValues& message);
 
 /// Force [N] and torque [N m] on the handle, in the frame of the header.
 geometry_msgs::WrenchStamped toWrenchStamped(const HandleWrench& wrench, const std_msgs::Header& header);
