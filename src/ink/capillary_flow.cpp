@@ -90,13 +90,15 @@ CapillaryFlow::CapillaryFlow(const BrushModel& brush, const InkParameters& param
     field->resize(n);
 }
 
-void CapillaryFlow::flow(double seconds, TipInk& ink) {
-  if (!(seconds > 0.0)) return;
-  for (int rod = 0; rod < ink.rodCount(); ++rod) flowAlong(rod, seconds, ink);
-  for (const Bridge& bridge : bridges_) flowAcross(bridge, seconds, ink);
+void CapillaryFlow::flowAlong(double seconds, TipInk& ink) {
+  for (int rod = 0; rod < ink.rodCount(); ++rod) flowInRod(rod, seconds, ink);
 }
 
-void CapillaryFlow::flowAlong(int rod, double seconds, TipInk& ink) {
+void CapillaryFlow::flowAcross(double seconds, TipInk& ink) const {
+  for (const Bridge& bridge : bridges_) flowOver(bridge, seconds, ink);
+}
+
+void CapillaryFlow::flowInRod(int rod, double seconds, TipInk& ink) {
   const auto n = static_cast<std::size_t>(node_count_), first = static_cast<std::size_t>(rod) * n;
   double* volume = ink.volume().data() + first;
   double* pigment = ink.pigment().data() + first;
@@ -153,7 +155,7 @@ void CapillaryFlow::flowAlong(int rod, double seconds, TipInk& ink) {
   }
 }
 
-void CapillaryFlow::flowAcross(const Bridge& bridge, double seconds, TipInk& ink) const {
+void CapillaryFlow::flowOver(const Bridge& bridge, double seconds, TipInk& ink) {
   double &from = ink.volume()[bridge.a], &to = ink.volume()[bridge.b];
   const double room_a = ink.capacity()[bridge.a], room_b = ink.capacity()[bridge.b];
   if (!(room_a > 0.0 && room_b > 0.0)) return;

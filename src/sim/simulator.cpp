@@ -14,6 +14,8 @@ namespace {
 
 // Of simulated time between two calls of Paper::flow(), which divides it as it must [s].
 constexpr double kFlowInterval = 0.016;
+// Flows along the rods of the tip for one between them, which is slower.
+constexpr int kFlowsAcross = 4;
 
 /// Adds the wall time of a scope to a stage. Time is only ever reported: nothing depends on it.
 class StageTimer {
@@ -182,7 +184,9 @@ struct Simulator::Implementation {
   void flowInk() {
     if (!isFlowDue()) return;
     const StageTimer timer(report, Stage::kFlowInk);
-    capillary_flow.flow(flowSeconds(), ink);
+    capillary_flow.flowAlong(flowSeconds(), ink);
+    if ((report.step_count + 1) % (kFlowsAcross * flow_steps) == 0)
+      capillary_flow.flowAcross(kFlowsAcross * flowSeconds(), ink);
     if (parameters.contact.bundles) tellInk();
   }
   /// Lets the rods know by how much ink they cling.

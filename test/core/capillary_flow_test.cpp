@@ -21,6 +21,14 @@ RodModel uniformRod(double length, int nodes, const Eigen::Vector3d& root) {
   return rod;
 }
 
+struct Flow {
+  CapillaryFlow& capillary_flow;
+  void flow(double seconds, TipInk& ink) const {
+    capillary_flow.flowAlong(seconds, ink);
+    capillary_flow.flowAcross(seconds, ink);
+  }
+};
+
 double sum(const std::vector<double>& values) {
   return std::accumulate(values.begin(), values.end(), 0.0);
 }
@@ -32,7 +40,8 @@ TEST(CapillaryFlow, SmallDifferencesDecayAsDiffusionDoes) {
   brush.rods = {uniformRod(length, n, {0, 0, 0})};
   InkParameters parameters;
   TipInk ink(brush, parameters);
-  CapillaryFlow flow(brush, parameters);
+  CapillaryFlow capillary_flow(brush, parameters);
+  const Flow flow{capillary_flow};
   const auto wave = [&](int node) { return std::cos(kPi * node / (n - 1)); };
   for (int node = 0; node < n; ++node)
     ink.volume()[std::size_t(node)] = ink.capacity()[std::size_t(node)] * (0.998 + 1e-4 * wave(node));
@@ -52,7 +61,8 @@ TEST(CapillaryFlow, KeepsEveryDropAndEndsInBalance) {
   InkParameters ink_parameters;
   ink_parameters.load = 0.4;
   TipInk ink(brush, ink_parameters);
-  CapillaryFlow flow(brush, ink_parameters);
+  CapillaryFlow capillary_flow(brush, ink_parameters);
+  const Flow flow{capillary_flow};
   // One half of the rods dry, the ink of the others thin.
   for (std::size_t i = 0; i < ink.volume().size() / 2; ++i) ink.volume()[i] = ink.pigment()[i] = 0.0;
   for (double& pigment : ink.pigment()) pigment *= 0.3;
@@ -86,7 +96,8 @@ TEST(CapillaryFlow, RodsThatDoNotTouchKeepTheirInk) {
   for (const double x : {0.0, 5.5e-4, 3e-3}) brush.rods.push_back(uniformRod(0.04, 8, {x, 0, 0}));
   InkParameters parameters;
   TipInk ink(brush, parameters);
-  CapillaryFlow flow(brush, parameters);
+  CapillaryFlow capillary_flow(brush, parameters);
+  const Flow flow{capillary_flow};
   for (std::size_t i = 8; i < 24; ++i) ink.volume()[i] = ink.pigment()[i] = 0.0;
   for (int step = 0; step < 100; ++step) flow.flow(0.1, ink);
   EXPECT_GT(ink.rodVolume(1), 0.05 * ink.rodVolume(0));
@@ -98,7 +109,8 @@ TEST(CapillaryFlow, DryEndDrawsInkFromTheBelly) {
   brush.rods = {uniformRod(0.04, 16, {0, 0, 0})};
   InkParameters parameters;
   TipInk ink(brush, parameters);
-  CapillaryFlow flow(brush, parameters);
+  CapillaryFlow capillary_flow(brush, parameters);
+  const Flow flow{capillary_flow};
   for (std::size_t i = 12; i < 16; ++i) ink.volume()[i] = ink.pigment()[i] = 0.0;
   flow.flow(0.1, ink);
   EXPECT_GT(ink.volume()[12], 0.01 * ink.capacity()[12]);

@@ -24,8 +24,10 @@ class CapillaryFlow {
  public:
   CapillaryFlow(const BrushModel& brush, const InkParameters& parameters);
 
-  /// Lets `seconds` go by.
-  void flow(double seconds, TipInk& ink);
+  /// Lets `seconds` go by along the rods.
+  void flowAlong(double seconds, TipInk& ink);
+  /// And across: slower, so it may be called less often, with more.
+  void flowAcross(double seconds, TipInk& ink) const;
 
  private:
   /// Two nodes of neighbouring rods whose surfaces touch at rest.
@@ -34,8 +36,8 @@ class CapillaryFlow {
     double conductance;  // of a saturated bridge [m³/s]
   };
 
-  void flowAlong(int rod, double seconds, TipInk& ink);
-  void flowAcross(const Bridge& bridge, double seconds, TipInk& ink) const;
+  void flowInRod(int rod, double seconds, TipInk& ink);
+  static void flowOver(const Bridge& bridge, double seconds, TipInk& ink);
 
   int node_count_;
   std::vector<double> conductance_;  // of a saturated edge [m³/s], [rod][edge]
