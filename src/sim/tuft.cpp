@@ -249,7 +249,7 @@ class TuftOf : public Tuft {
     SolveReport report;
     AlignedVector<Real> springs;  // what ties the rods to others, see NodeSprings
     RodBatchState<Real> start;    // the state before a solve that may have to be done again
-    AlignedVector<Real> start_frame, start_tether, start_offset, start_stuck;
+    AlignedVector<Real> start_frame, start_offset, start_stuck;
     bool asleep = false;  // at rest: a step leaves it as it is
     int still_steps = 0;  // without a change of anything from outside, and without motion from `rest`
     AlignedVector<Real> rest;  // positions when they began
@@ -394,8 +394,7 @@ class TuftOf : public Tuft {
   /// (see BundleContact), and the rounds end at its minimum.
   void solveTogether(TuftReport& report) {
     BundleContact<Real>& bundles = *bundles_;
-    for (Batch& batch : batches_) {
-      keepStart(batch);
+    for (Batch& batch : batches_)
       forEachNode(batch, [&](std::size_t node, std::size_t lane, std::size_t at) {
         for (std::size_t i = 0; i < 3; ++i) {
           const std::size_t in = (node * 3 + i) * kLanes + lane;
@@ -405,8 +404,13 @@ class TuftOf : public Tuft {
           bundles.point[4 * at + i] = batch.state.position[in] + way;
         }
       });
-    }
     if (pairsAreStale(bundles)) findPairs(bundles);
+    for (Batch& batch : batches_) batch.state.guess.clear();
+    if (bundles.empty()) {
+      pool_.run(static_cast<int>(batches_.size()), solve_);
+      return;
+    }
+    for (Batch& batch : batches_) keepStart(batch);
     for (int round = 0;; ++round) {
       kernel_.pull(bundles);
       for (Batch& batch : batches_) writeSprings(bundles, batch.rods, batch.springs.data());
@@ -424,9 +428,7 @@ class TuftOf : public Tuft {
         });
       report.coupling_error = double(largest);
       report.coupling_rounds = round + 1;
-      if (bundles.empty() || report.coupling_error < coupling_tolerance_ ||
-          round + 1 == coupling_rounds_)
-        return;
+      if (report.coupling_error < coupling_tolerance_ || round + 1 == coupling_rounds_) return;
       for (Batch& batch : batches_) {
         report.iterations += batch.report.iterations;
         backToStart(batch);
@@ -435,14 +437,10 @@ class TuftOf : public Tuft {
   }
 
   static void keepStart(Batch& batch) {
-    batch.state.guess.clear();
     batch.start = batch.state;
     batch.start_offset = batch.contact.offset;
     batch.start_stuck = batch.contact.stuck;
-    if (batch.framed) {
-      batch.start_frame = batch.framed->frame;
-      batch.start_tether = batch.framed->tether_multiplier;
-    }
+    if (batch.framed) batch.start_frame = batch.framed->frame;
   }
   /// All but the multipliers, which are better now, and the shape, from which to go on.
   static void backToStart(Batch& batch) {
@@ -460,11 +458,11 @@ class TuftOf : public Tuft {
       std::copy(batch.contact.stuck.begin(), batch.contact.stuck.end(), batch.calm.begin());
     addLoad(
         batch, [](const StepCoefficients&) { return 1.0; }, batch.state.velocity);
-    batch.report = kernel_(RodStep<Real>{batch.model, batch.roots, stage_->coefficients, settings_, law_,
-                                         gravity_, pivot_.data(), has_paper_ ? &batch.contact : nullptr,
-                                         batch.framed.get(), batch.state, workspace, batch.wrench.data(),
-                                         &stage_->calm, batch.calm.data(),
-                                         batch.springs.empty() ? nullptr : batch.springs.data()});
+    batch.report = kernel_(
+        RodStep<Real>{batch.model, batch.roots, stage_->coefficients, settings_, law_, gravity_,
+                      pivot_.data(), has_paper_ ? &batch.contact : nullptr, batch.framed.get(),
+                      batch.state, workspace, batch.wrench.data(), &stage_->calm, batch.calm.data(),
+                      bundles_ && !bundles_->empty() ? batch.springs.data() : nullptr});
     addLoad(
         batch, [](const StepCoefficients& k) { return k.restart - 1.0; }, batch.state.previous_velocity);
     addLoad(

@@ -11,6 +11,7 @@
 #include <filesystem>
 #include <string>
 
+#include "../temporary_folder.h"
 #include "ros_fixture.h"
 
 // What is written live, with dips, wipes and clears, is in the bag of record.launch and gives the same
@@ -74,19 +75,12 @@ int connectionCount(const std::string& subscriber) {
 
 class Live : public BrushSimulatorTest {
  protected:
-  void SetUp() override {
-    BrushSimulatorTest::SetUp();
-    folder_ = fs::temp_directory_path() / ("calligraphy_brush_live_" + std::to_string(getpid()));
-    fs::create_directory(folder_);
-  }
-  void TearDown() override { fs::remove_all(folder_); }
-
-  std::string bag() const { return (folder_ / "live.bag").string(); }
+  std::string bag() const { return folder_.path("live.bag"); }
 
   /// What stroke_replay makes of the bag, with no word of brush or paper.
   std::string replayedHash() const {
     const std::string command =
-        "'" STROKE_REPLAY "' '" + bag() + "' '" + (folder_ / "o.png").string() + "' --quiet --hash";
+        "'" STROKE_REPLAY "' '" + bag() + "' '" + folder_.path("o.png") + "' --quiet --hash";
     FILE* pipe = popen(command.c_str(), "r");
     std::array<char, 256> line{};
     const std::string hash = fgets(line.data(), 256, pipe) != nullptr ? line.data() : "";
@@ -94,7 +88,7 @@ class Live : public BrushSimulatorTest {
     return hash.substr(0, hash.find('\n'));
   }
 
-  fs::path folder_;
+  TemporaryFolder folder_;
 };
 
 TEST_F(Live, EqualsReplayWithDipsWipesClearsAndAReset) {

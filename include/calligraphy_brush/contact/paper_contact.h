@@ -77,6 +77,7 @@ class PaperContact {
  public:
   static constexpr bool kPresent = true;
   static constexpr bool kHasFloor = false;
+  static constexpr bool kActsOnRoot = false;
   using Real = RealOf<V>;
   using Mask = MaskOf<V>;
 

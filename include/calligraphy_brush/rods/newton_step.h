@@ -1,8 +1,6 @@
 #pragma once
 
 #include <limits>
-#include <type_traits>
-#include <utility>
 
 #include "calligraphy_brush/common/lanes.h"
 
@@ -43,7 +41,9 @@ struct SolveReport {
 ///   void finish();                                  the step has ended
 ///   static constexpr bool kHasFloor;                whether it is one for rods above a floor, as below
 ///
-/// One that also acts on the root has addToRoot(way, gradient).
+///   static constexpr bool kActsOnRoot;              whether it has addToRoot(way, gradient), what the
+///   clamp
+///                                                   has to hold besides
 ///
 /// A lane that does not solve again keeps the multipliers that its last solve felt until the step has
 /// ended, so that rounds of its neighbours change nothing of it, not even the forces it reports.
@@ -55,16 +55,10 @@ template <class Real>
 struct NoPotential {
   static constexpr bool kPresent = false;
   static constexpr bool kHasFloor = true;
+  static constexpr bool kActsOnRoot = false;
   double floor;
   Real* below;
 };
-
-template <class Potential, class V, class = void>
-struct ActsOnRoot : std::false_type {};
-template <class Potential, class V>
-struct ActsOnRoot<Potential, V,
-                  std::void_t<decltype(std::declval<const Potential&>().addToRoot(
-                      std::declval<const Vec3<V>&>(), std::declval<Vec3<V>&>()))>> : std::true_type {};
 
 /// The part of an implicit step that does not ask what a rod is: Newton's method with an energy line
 /// search, lane by lane, and the rounds of better multipliers around it.

@@ -16,6 +16,7 @@ class NodeSprings {
  public:
   static constexpr bool kPresent = true;
   static constexpr bool kHasFloor = Base::kHasFloor;
+  static constexpr bool kActsOnRoot = true;
   using Real = RealOf<V>;
   using Mask = MaskOf<V>;
 

@@ -372,8 +372,7 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
     const Mask restart = step_.restart > V{};
     const V root_weight = step_.inertia * load<V>(mass_);
     Vector root_gradient = root_weight * (root_displacement_ - Vector::loadFrom(target_));
-    if constexpr (ActsOnRoot<Potential, V>::value)
-      potential_.addToRoot(root_displacement_, root_gradient);
+    if constexpr (Potential::kActsOnRoot) potential_.addToRoot(root_displacement_, root_gradient);
     root_gradient.storeTo(gradient_);
     Vector force{}, torque{};
     const Vector centre = wrench ? Vector{real(pivot[0]), real(pivot[1]), real(pivot[2])} : Vector{};
