@@ -1,8 +1,10 @@
 #include "calligraphy_brush/brush/brush_model.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <random>
+#include <utility>
 
 namespace calligraphy_brush {
 namespace {
@@ -84,6 +86,25 @@ RodModel makeUniformRod(double length, double bending_stiffness, double line_den
   rod.node_mass.front() = rod.node_mass.back() = 0.5 * line_density * edge;
   rod.node_radius.assign(static_cast<std::size_t>(nodes), 0.0);
   return rod;
+}
+
+void groupNeighbours(const BrushModel& brush, std::ptrdiff_t size, std::vector<int>::iterator begin,
+                     std::vector<int>::iterator end) {
+  const auto group_count = (end - begin + size - 1) / size;
+  if (group_count < 2) return;
+  const auto root = [&](int rod) -> const Eigen::Vector3d& {
+    return brush.rods[static_cast<std::size_t>(rod)].root_H;
+  };
+  Eigen::AlignedBox3d box;
+  for (auto rod = begin; rod != end; ++rod) box.extend(root(*rod));
+  Eigen::Index axis = 0;
+  box.sizes().maxCoeff(&axis);
+  const auto middle = begin + group_count / 2 * size;
+  std::nth_element(begin, middle, end, [&](int a, int b) {
+    return std::make_pair(root(a)[axis], a) < std::make_pair(root(b)[axis], b);
+  });
+  groupNeighbours(brush, size, begin, middle);
+  groupNeighbours(brush, size, middle, end);
 }
 
 }  // namespace calligraphy_brush

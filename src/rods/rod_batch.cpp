@@ -59,6 +59,7 @@ RodBatchState<Real> makeRodBatchState(const RodBatchModel<Real>& model) {
   state.edge.resize(size(3 * (n - 1)));
   for (auto* field : {&state.position, &state.displacement, &state.velocity, &state.previous_velocity})
     field->resize(size(3 * n));
+  state.lowest.resize(size(1));
   return state;
 }
 
@@ -76,8 +77,7 @@ RodBatchWorkspace<Real> makeRodBatchWorkspace(int node_count) {
   workspace.gradient.resize(size(3 * node_count));
   workspace.trial_edge.resize(size(3 * node_count));
   workspace.next_edge.resize(size(3 * node_count));
-  workspace.update.resize(size(2 * node_count));
-  workspace.factor.resize(size(18 * node_count));
+  workspace.factor.resize(size(kRodFactorRows * node_count));
   return workspace;
 }
 
@@ -95,7 +95,6 @@ FramedRods<Real> makeFramedRods(const std::vector<RodModel>& rods, const std::ve
   framed.end_position.resize(size(3));
   framed.tether_stiffness.resize(size(1));
   framed.tether_multiplier.resize(size(3));
-  framed.update.resize(size(3 * (n - 1)));
   framed.factor.resize(size(27 * (n - 1)));
   for (int lane = 0; lane < kLanes; ++lane) {
     const RodModel& rod = rodInLane(rods, indices, lane);
@@ -139,6 +138,11 @@ void placeAtRest(const RodBatchModel<Real>& model, const RodBatchRoots<Real>& ro
       position += roots.clamp[i];
       state.position[size(3 * (edge + 1)) + i] = position;
     }
+  }
+  for (std::size_t lane = 0; lane < size(1); ++lane) {
+    state.lowest[lane] = state.position[size(2) + lane];
+    for (int node = 1; node < model.node_count; ++node)
+      state.lowest[lane] = std::min(state.lowest[lane], state.position[size(3 * node + 2) + lane]);
   }
   if (!framed) return;
   for (int edge = 0; edge < model.node_count - 1; ++edge)

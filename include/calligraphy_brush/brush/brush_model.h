@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstddef>
 #include <vector>
 
 #include "calligraphy_brush/brush/brush_parameters.h"
@@ -55,5 +56,10 @@ BrushModel makeBrush(const BrushParameters& parameters);
 /// length [m], bending_stiffness EI [N m²], line_density [kg/m]; nodes ≥ 3. End nodes carry half a
 /// node's mass. Root at the handle's origin, pointing down the handle.
 RodModel makeUniformRod(double length, double bending_stiffness, double line_density, int nodes);
+
+/// Puts rods in an order in which each `size` of them, from the first on, have their roots near one
+/// another: halves them along the longer side of the box of their roots, and so on.
+void groupNeighbours(const BrushModel& brush, std::ptrdiff_t size, std::vector<int>::iterator begin,
+                     std::vector<int>::iterator end);
 
 }  // namespace calligraphy_brush

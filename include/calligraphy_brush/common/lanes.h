@@ -146,14 +146,16 @@ template <class V>
 struct Vec3 {
   V x, y, z;
 
-  /// A vector field is stored component by component, kLanes numbers each.
+  /// A vector field is stored component by component, kStride numbers each.
+  template <int kStride = kLanes>
   static CALLIGRAPHY_INLINE Vec3 loadFrom(const RealOf<V>* address) {
-    return {load<V>(address), load<V>(address + kLanes), load<V>(address + 2 * kLanes)};
+    return {load<V>(address), load<V>(address + kStride), load<V>(address + 2 * kStride)};
   }
+  template <int kStride = kLanes>
   CALLIGRAPHY_INLINE void storeTo(RealOf<V>* address) const {
     store<V>(address, x);
-    store<V>(address + kLanes, y);
-    store<V>(address + 2 * kLanes, z);
+    store<V>(address + kStride, y);
+    store<V>(address + 2 * kStride, z);
   }
 
   friend CALLIGRAPHY_INLINE Vec3 operator+(const Vec3& a, const Vec3& b) {

@@ -2,8 +2,6 @@
 
 #include "calligraphy_brush/rods/joint_energy.h"
 #include "calligraphy_brush/rods/newton_step.h"
-#include "calligraphy_brush/rods/rod_batch.h"
-#include "calligraphy_brush/rods/time_integration.h"
 
 namespace calligraphy_brush {
 
@@ -22,8 +20,9 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
   using Base = NewtonStep<FramedKernel, V, Potential>;
   friend Base;
   static constexpr bool kConstrained = true;
-  using Base::energy_, Base::kNudge, Base::kVector, Base::next_, Base::potential_, Base::real,
-      Base::trial_;
+  using Base::edge_, Base::gradient_, Base::inertia_, Base::kNudge, Base::kVector, Base::length_,
+      Base::mass_, Base::n_, Base::next_, Base::position_, Base::potential_, Base::real,
+      Base::root_displacement_, Base::root_position_, Base::trial_;
 
  public:
   using Real = typename Base::Real;
@@ -45,28 +44,13 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
                FramedRods<Real>& framed, const StepCoefficientsOf<V>& step, double law, double gravity,
                int lane, Potential& potential, RodBatchWorkspace<Real>& workspace,
                RodBatchState<Real>& state)
-      : Base(potential, model.rod_count - lane, framed.trial_frame.data() + lane,
-             framed.next_frame.data() + lane),
-        n_(model.node_count),
+      : Base(model, roots, step, gravity, lane, potential, workspace, state,
+             framed.trial_frame.data() + lane, framed.next_frame.data() + lane),
         joint_(framed.joint.data() + lane),
-        mass_(model.mass.data() + lane),
-        edge_(state.edge.data() + lane),
         frame_(framed.frame.data() + lane),
-        position_(state.position.data() + lane),
-        displacement_(state.displacement.data() + lane),
-        velocity_(state.velocity.data() + lane),
-        previous_velocity_(state.previous_velocity.data() + lane),
         tether_(framed.tether_multiplier.data() + lane),
-        target_(workspace.target.data() + lane),
-        gradient_(workspace.gradient.data() + lane),
-        update_(framed.update.data() + lane),
         factor_(framed.factor.data() + lane),
-        step_(step),
-        gravity_(gravity),
         round_(real(1.0 - 4.0 * law)),
-        length_(load<V>(model.edge_length.data() + lane)),
-        root_position_(Vector::loadFrom(roots.position.data() + lane)),
-        root_displacement_(Vector::loadFrom(roots.displacement.data() + lane)),
         clamp_(Rotation::loadFrom(framed.clamp_frame.data() + lane)),
         end_frame_(Rotation::loadFrom(framed.end_frame.data() + lane)),
         end_position_(Vector::loadFrom(framed.end_position.data() + lane)),
@@ -101,15 +85,7 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
   }
 
   void predict() {
-    const V k_displacement = step_.displacement, k_velocity = step_.velocity,
-            k_previous = step_.previous_velocity, fall = step_.gravity * real(-gravity_);
-    for (int node = 0; node < n_; ++node) {
-      const Vector d = Vector::loadFrom(displacement_ + node * kVector);
-      Vector y = k_displacement * d + k_velocity * Vector::loadFrom(velocity_ + node * kVector) +
-                 k_previous * Vector::loadFrom(previous_velocity_ + node * kVector);
-      y.z = y.z + fall;
-      y.storeTo(target_ + node * kVector);
-    }
+    for (int node = 0; node < n_; ++node) Base::aim(node);
     for (int i = 0; i < n_ - 1; ++i)
       Rotation::loadFrom(frame_ + i * kFrame).storeTo(trial_ + i * kFrame);
     evaluate();
@@ -121,20 +97,18 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
 
   template <class Frame>
   CALLIGRAPHY_INLINE void walk(Frame&& frame) {
-    const V weight = step_.inertia, half = real(0.5);
-    V elastic{}, inertia{}, contact{};
+    const V half = real(0.5);
+    V elastic{};
     Rotation before = clamp_;
     Vector way = root_displacement_;
+    typename Base::NodeSums sums;
+    sums.lowest = root_position_.z;
     if constexpr (Potential::kPresent) potential_.beginPass();
     for (int i = 0; i < n_ - 1; ++i) {
       const Rotation q = frame(i);
       elastic = elastic + jointEnergy(between(before, q), joint(i), round_);
       way = way + (edgeOf(q) - Vector::loadFrom(edge_ + i * kVector));
-      const Vector off = way - Vector::loadFrom(target_ + (i + 1) * kVector);
-      const V w = weight * load<V>(mass_ + (i + 1) * kLanes);
-      Vector gradient = w * off;
-      inertia = inertia + half * w * squaredNorm(off);
-      if constexpr (Potential::kPresent) contact = contact + potential_.add(i + 1, way, gradient);
+      Vector gradient = Base::addNode(i + 1, way, sums);
       if (i == n_ - 2) {
         const Vector miss = Vector::loadFrom(position_ + (n_ - 1) * kVector) + way - end_position_;
         const Vector multiplier = Vector::loadFrom(tether_);
@@ -142,15 +116,16 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
         gradient = gradient + tether_stiffness_ * miss + multiplier;
         miss_ = miss;
       }
-      gradient.storeTo(gradient_ + (i + 1) * kVector);
+      Base::toScratch(gradient, gradient_ + (i + 1) * Base::kScratchVector);
       before = q;
     }
-    energy_ =
-        elastic + jointEnergy(between(before, end_frame_), joint(n_ - 1), round_) + inertia + contact;
+    Base::energy_ = elastic + jointEnergy(between(before, end_frame_), joint(n_ - 1), round_) +
+                    real(0.5) * sums.twice_inertia + sums.potential;
+    Base::lowest_ = sums.lowest;
   }
 
   Mask sweep(V majorant, V& decrement) {
-    const V weight = step_.inertia, zero{}, one = real(1), half = real(0.5);
+    const V weight = inertia_, zero{}, one = real(1), half = real(0.5);
     const V least_pivot = real(8) * broadcast<V>(std::numeric_limits<Real>::epsilon());
     Mask failed = zero > one;
     V spent{};
@@ -165,7 +140,7 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
       S.yy = S.yy + w;
       S.zz = S.zz + w;
       if constexpr (Potential::kPresent) potential_.addHessian(node, S);
-      const Vector gradient = Vector::loadFrom(gradient_ + node * kVector);
+      const Vector gradient = Base::fromScratch(gradient_ + node * Base::kScratchVector);
       p = p + gradient;
       force = force + gradient;
     };
@@ -281,10 +256,7 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
         if (i > 0)
           for (int b = 0; b < 3; ++b) v[a] = v[a] - load<V>(in + (18 + 3 * a + b) * kLanes) * u[b];
       }
-      for (int a = 0; a < 3; ++a) {
-        u[a] = v[a];
-        store<V>(update_ + (i * 3 + a) * kLanes, u[a]);
-      }
+      for (int a = 0; a < 3; ++a) u[a] = v[a];
       shift = shift + (u[0] * Vector::loadFrom(in) + u[1] * Vector::loadFrom(in + 3 * kLanes));
       largest_squared = max(largest_squared, u[0] * u[0] + u[1] * u[1] + u[2] * u[2]);
       return turned(i, u, scale);
@@ -292,10 +264,10 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
     return sqrt(largest_squared);
   }
 
-  void retryUpdate(V scale) {
+  /// As RodKernel's, about each edge's first axis.
+  void nudge(V scale) {
     walk([&](int i) {
-      const Real* at = update_ + i * 3 * kLanes;
-      const V u[3] = {load<V>(at), load<V>(at + kLanes), load<V>(at + 2 * kLanes)};
+      const V u[3] = {real(kNudge * (n_ - 1 - i) / (n_ - 1)), V{}, V{}};
       return turned(i, u, scale);
     });
   }
@@ -312,84 +284,30 @@ class FramedKernel : public NewtonStep<FramedKernel<V, Potential>, V, Potential>
 
   void restoreConstraints() { first_multiplier_.storeTo(tether_); }
 
-  /// As RodKernel's, about each edge's first axis.
-  void writeNudge() {
-    for (int i = 0; i < n_ - 1; ++i) {
-      store<V>(update_ + i * 3 * kLanes, real(kNudge * (n_ - 1 - i) / (n_ - 1)));
-      store<V>(update_ + (i * 3 + 1) * kLanes, V{});
-      store<V>(update_ + (i * 3 + 2) * kLanes, V{});
-    }
-  }
-
-  V lowestHeight() const {
-    V height = root_position_.z, lowest = height;
-    for (int i = 0; i < n_ - 1; ++i) {
-      height = height + edgeOf(Rotation::loadFrom(trial_ + i * kFrame)).z;
-      lowest = min(lowest, height);
-    }
-    return lowest;
-  }
-
   void finish(const double* pivot, Real* wrench) {
-    if constexpr (Potential::kPresent) potential_.finish();
     better_multiplier_.storeTo(tether_);
-    const V from_way = step_.from_way, from_displacement = step_.from_displacement,
-            from_velocity = step_.from_velocity;
-    const Mask restart = step_.restart > V{};
-    const V root_weight = step_.inertia * load<V>(mass_);
-    Vector root_gradient = root_weight * (root_displacement_ - Vector::loadFrom(target_));
-    if constexpr (Potential::kActsOnRoot) potential_.addToRoot(root_displacement_, root_gradient);
-    root_gradient.storeTo(gradient_);
-    Vector force{}, torque{};
-    const Vector centre = wrench ? Vector{real(pivot[0]), real(pivot[1]), real(pivot[2])} : Vector{};
-    Vector way = root_displacement_, position = root_position_;
-    for (int node = 0; node < n_; ++node) {
-      if (node > 0) {
-        const Rotation q = Rotation::loadFrom(trial_ + (node - 1) * kFrame);
-        const Vector e = edgeOf(q);
-        Real* old = edge_ + (node - 1) * kVector;
-        way = way + (e - Vector::loadFrom(old));
-        position = position + e;
-        e.storeTo(old);
-        q.storeTo(frame_ + (node - 1) * kFrame);
-      }
-      const int at = node * kVector;
-      const Vector old_velocity = Vector::loadFrom(velocity_ + at);
-      const Vector velocity =
-          from_way * way +
-          (from_displacement * Vector::loadFrom(displacement_ + at) + from_velocity * old_velocity);
-      velocity.storeTo(velocity_ + at);
-      select(restart, velocity, old_velocity).storeTo(previous_velocity_ + at);
-      way.storeTo(displacement_ + at);
-      position.storeTo(position_ + at);
-      if (wrench) {
-        const Vector gradient = Vector::loadFrom(gradient_ + at);
-        force = force - gradient;
-        torque = torque - cross(position - centre, gradient);
-      }
-    }
-    if (wrench) {
-      // The torque of the far clamp comes through the rod as well.
-      JointDerivatives<V> d;
-      const Rotation last = Rotation::loadFrom(trial_ + (n_ - 2) * kFrame);
-      jointDerivatives(between(last, end_frame_), joint(n_ - 1), round_, V{}, d);
-      Vector d1, d2, t;
-      axes(last, d1, d2, t);
-      torque = torque - (d.gradient0[0] * d1 + d.gradient0[1] * d2 + d.gradient0[2] * t);
-      force.storeTo(wrench);
-      torque.storeTo(wrench + kVector);
-    }
+    Base::moveState(
+        [this](int i) {
+          const Rotation q = Rotation::loadFrom(trial_ + i * kFrame);
+          q.storeTo(frame_ + i * kFrame);
+          return edgeOf(q);
+        },
+        pivot, wrench);
+    if (!wrench) return;
+    // The torque of the far clamp comes through the rod as well.
+    JointDerivatives<V> d;
+    const Rotation last = Rotation::loadFrom(trial_ + (n_ - 2) * kFrame);
+    jointDerivatives(between(last, end_frame_), joint(n_ - 1), round_, V{}, d);
+    Vector d1, d2, t;
+    axes(last, d1, d2, t);
+    const Vector torque = Vector::loadFrom(wrench + kVector) -
+                          (d.gradient0[0] * d1 + d.gradient0[1] * d2 + d.gradient0[2] * t);
+    torque.storeTo(wrench + kVector);
   }
 
-  int n_;
-  const Real *joint_, *mass_;
-  Real *edge_, *frame_, *position_, *displacement_, *velocity_, *previous_velocity_, *tether_;
-  Real *target_, *gradient_, *update_, *factor_;
-  const StepCoefficientsOf<V>& step_;
-  double gravity_;
+  const Real* joint_;
+  Real *frame_, *tether_, *factor_;
   V round_;  // of jointStrain
-  V length_;
-  Vector root_position_, root_displacement_;
   Rotation clamp_, end_frame_;
   Vector end_position_;
   V tether_stiffness_;

@@ -6,22 +6,22 @@ namespace calligraphy_brush {
 
 /// Potential of the nodes of a rod whose neighbours are held where they are believed to be: for node i
 ///
-///   cᵢ·d + ½ dᵀ Hᵢ d       d: way of the node in the step
+///   cᵢ·d + ½ kᵢ |d|²       d: way of the node in the step
 ///
 /// on top of the potential Base (a sheet, or none). What couples rods with one another reaches the
 /// kernel only in this form, so its Newton system keeps its structure, and the cost of a rod stays
-/// linear in its nodes. H must be positive semidefinite.
+/// linear in its nodes. k ≥ 0.
 template <class V, class Base>
 class NodeSprings {
  public:
   static constexpr bool kPresent = true;
   static constexpr bool kHasFloor = Base::kHasFloor;
-  static constexpr bool kActsOnRoot = true;
+  static constexpr bool kTied = true;
   using Real = RealOf<V>;
   using Mask = MaskOf<V>;
 
-  /// Numbers of a node: c as x, y, z [N], H as xx, xy, xz, yy, yz, zz [N/m].
-  static constexpr int kRows = 9;
+  /// Numbers of a node: c as x, y, z [N], k [N/m].
+  static constexpr int kRows = 4;
 
   /// springs: [node][kRows][lane], from the lane that `base` begins with.
   NodeSprings(Base& base, const Real* springs)
@@ -33,7 +33,7 @@ class NodeSprings {
 
   CALLIGRAPHY_INLINE V add(int node, const Vec3<V>& way, Vec3<V>& gradient) {
     const Vec3<V> constant = Vec3<V>::loadFrom(springs_ + node * kRows * kLanes);
-    const Vec3<V> bent = hessian(node) * way;
+    const Vec3<V> bent = stiffness(node) * way;
     gradient = gradient + constant + bent;
     V energy = dot(constant + broadcast<V>(Real(0.5)) * bent, way);
     if constexpr (Base::kPresent) energy = energy + base_.add(node, way, gradient);
@@ -42,17 +42,14 @@ class NodeSprings {
 
   /// What the potential pulls the root with, which the clamp has to hold.
   CALLIGRAPHY_INLINE void addToRoot(const Vec3<V>& way, Vec3<V>& gradient) const {
-    gradient = gradient + Vec3<V>::loadFrom(springs_) + hessian(0) * way;
+    gradient = gradient + Vec3<V>::loadFrom(springs_) + stiffness(0) * way;
   }
 
   CALLIGRAPHY_INLINE void addHessian(int node, Symmetric3<V>& sum) const {
-    const Symmetric3<V> own = hessian(node);
-    sum.xx = sum.xx + own.xx;
-    sum.xy = sum.xy + own.xy;
-    sum.xz = sum.xz + own.xz;
-    sum.yy = sum.yy + own.yy;
-    sum.yz = sum.yz + own.yz;
-    sum.zz = sum.zz + own.zz;
+    const V own = stiffness(node);
+    sum.xx = sum.xx + own;
+    sum.yy = sum.yy + own;
+    sum.zz = sum.zz + own;
     if constexpr (Base::kPresent) base_.addHessian(node, sum);
   }
 
@@ -96,14 +93,8 @@ class NodeSprings {
     return nullptr;
   }
   static CALLIGRAPHY_INLINE Mask nobody() { return V{} > broadcast<V>(1); }
-  CALLIGRAPHY_INLINE Symmetric3<V> hessian(int node) const {
-    const Real* in = springs_ + (node * kRows + 3) * kLanes;
-    return {load<V>(in),
-            load<V>(in + kLanes),
-            load<V>(in + 2 * kLanes),
-            load<V>(in + 3 * kLanes),
-            load<V>(in + 4 * kLanes),
-            load<V>(in + 5 * kLanes)};
+  CALLIGRAPHY_INLINE V stiffness(int node) const {
+    return load<V>(springs_ + (node * kRows + 3) * kLanes);
   }
 
   Base& base_;

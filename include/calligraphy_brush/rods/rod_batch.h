@@ -30,6 +30,8 @@ struct RodBatchState {
   AlignedVector<Real> velocity;           ///< [m/s], [node][3][lane]
   AlignedVector<Real> previous_velocity;  ///< velocity a step before [m/s], [node][3][lane]
 
+  AlignedVector<Real> lowest;  ///< height of the lowest node [m], [lane]
+
   /// Edges from which the next solve begins, as `edge`; empty: it extrapolates the motion.
   AlignedVector<Real> guess;
 };
@@ -42,15 +44,21 @@ struct RodBatchRoots {
   AlignedVector<Real> clamp;         ///< clamp direction times l [m]
 };
 
-/// Scratch of the solver; its content means nothing between steps.
+/// Rows of an edge in RodBatchWorkspace::factor: its basis P (6 numbers), the gain U of the turn of the
+/// edge before it (4), the step k (2), the gain X of the shift of its first node (6), the pivot's
+/// inverse I (3).
+constexpr int kRodFactorBasis = 0, kRodFactorCoupling = 6, kRodFactorStep = 10, kRodFactorGain = 12,
+              kRodFactorPivot = 18, kRodFactorRows = 21;
+
+/// Scratch of the solver; its content means nothing between steps. Lanes are those of a kernel's
+/// registers, side by side: the turns that narrow ones take at a batch use the same, little memory.
 template <class Real>
 struct RodBatchWorkspace {
   AlignedVector<Real> target;      ///< where inertia alone would take a node [m], [node][3][lane]
   AlignedVector<Real> gradient;    ///< of the step's potential by node position [N], [node][3][lane]
   AlignedVector<Real> trial_edge;  ///< the shape so far, [edge][3][lane]
   AlignedVector<Real> next_edge;   ///< the shape after an update, [edge][3][lane]
-  AlignedVector<Real> update;      ///< Newton update in the tangent plane [m], [edge][2][lane]
-  AlignedVector<Real> factor;      ///< basis and gains of the Riccati sweep, [edge][18][lane]
+  AlignedVector<Real> factor;      ///< basis and gains of the Riccati sweep, [edge][kRodFactorRows][lane]
 };
 
 /// What rods with material frames have besides. Quaternions as w, x, y, z.
@@ -66,7 +74,6 @@ struct FramedRods {
 
   // Scratch of a step.
   AlignedVector<Real> trial_frame, next_frame;  ///< [edge][4][lane]
-  AlignedVector<Real> update;                   ///< turns [rad], [edge][3][lane]
   AlignedVector<Real> factor;                   ///< [edge][27][lane]
 };
 

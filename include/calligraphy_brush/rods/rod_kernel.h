@@ -2,8 +2,7 @@
 
 #include "calligraphy_brush/rods/bending_law.h"
 #include "calligraphy_brush/rods/newton_step.h"
-#include "calligraphy_brush/rods/rod_batch.h"
-#include "calligraphy_brush/rods/time_integration.h"
+#include "calligraphy_brush/rods/rod_response.h"
 
 namespace calligraphy_brush {
 
@@ -28,8 +27,10 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
   using Base = NewtonStep<RodKernel, V, Potential>;
   friend Base;
   static constexpr bool kConstrained = false;
-  using Base::energy_, Base::kNudge, Base::kVector, Base::next_, Base::potential_, Base::real,
-      Base::trial_;
+  using Base::edge_, Base::gradient_, Base::inertia_, Base::kNudge, Base::kVector, Base::length_,
+      Base::mass_, Base::n_, Base::next_, Base::potential_, Base::real, Base::root_displacement_,
+      Base::root_position_, Base::trial_;
+  using Base::fromScratch, Base::toScratch, Base::kScratchVector;
 
  public:
   using Real = typename Base::Real;
@@ -52,93 +53,62 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
   RodKernel(const RodBatchModel<Real>& model, const RodBatchRoots<Real>& roots,
             const StepCoefficientsOf<V>& step, double law, double gravity, int lane,
             Potential& potential, RodBatchWorkspace<Real>& workspace, RodBatchState<Real>& state)
-      : Base(potential, model.rod_count - lane, workspace.trial_edge.data() + lane,
-             workspace.next_edge.data() + lane),
-        n_(model.node_count),
+      : Base(model, roots, step, gravity, lane, potential, workspace, state, workspace.trial_edge.data(),
+             workspace.next_edge.data()),
         spring_(model.spring.data() + lane),
-        mass_(model.mass.data() + lane),
-        edge_(state.edge.data() + lane),
-        position_(state.position.data() + lane),
-        displacement_(state.displacement.data() + lane),
-        velocity_(state.velocity.data() + lane),
-        previous_velocity_(state.previous_velocity.data() + lane),
         guess_(state.guess.empty() ? nullptr : state.guess.data() + lane),
-        target_(workspace.target.data() + lane),
-        gradient_(workspace.gradient.data() + lane),
-        update_(workspace.update.data() + lane),
-        factor_(workspace.factor.data() + lane),
-        step_(step),
-        gravity_(gravity),
+        factor_(workspace.factor.data() + (Potential::kTied ? lane * model.node_count * kRodFactorRows : 0)),
         law_(real(law)),
-        length_(load<V>(model.edge_length.data() + lane)),
         inverse_length_(real(1) / length_),
         inverse_length_squared_(inverse_length_ * inverse_length_),
-        root_position_(Vector::loadFrom(roots.position.data() + lane)),
-        root_displacement_(Vector::loadFrom(roots.displacement.data() + lane)),
         clamp_(Vector::loadFrom(roots.clamp.data() + lane)) {}
 
-  static constexpr int kFactor = 18 * kLanes;
-
-  /// Fills target_, and guesses the shape at the end of the step: edges go on turning as they did.
+  /// Guesses the shape at the end of the step: nodes go on as they did.
   void predict() {
-    const V k_displacement = step_.displacement, k_velocity = step_.velocity,
-            k_previous = step_.previous_velocity, fall = step_.gravity * real(-gravity_);
-    const auto target = [&](int node, const Vector& d) {
-      const Vector v = Vector::loadFrom(velocity_ + node * kVector);
-      const Vector v_previous = Vector::loadFrom(previous_velocity_ + node * kVector);
-      Vector y = k_displacement * d + k_velocity * v + k_previous * v_previous;
-      y.z = y.z + fall;
-      y.storeTo(target_ + node * kVector);
-    };
-    Vector before = Vector::loadFrom(displacement_);
-    target(0, before);
+    Vector before = Base::aim(0);
     // A guess for a smooth motion; after a jump the old shape is better.
     const V limit = real(0.04) * length_ * length_;
     walk([&](int i) {
-      const Vector d = Vector::loadFrom(displacement_ + (i + 1) * kVector);
-      target(i + 1, d);
+      const Vector way = Base::aim(i + 1);
       if (guess_) {
         const Vector known = Vector::loadFrom(guess_ + i * kVector);
-        known.storeTo(trial_ + i * kVector);
+        toScratch(known, trial_ + i * kScratchVector);
         return known;
       }
-      const Vector turn = d - before;
-      before = d;
+      const Vector turn = way - before;
+      before = way;
       const Vector e = Vector::loadFrom(edge_ + i * kVector);
       const Vector guess = e + turn;
       const Vector scaled = (length_ / sqrt(squaredNorm(guess))) * guess;
       const Vector result = select(squaredNorm(turn) < limit, scaled, e);
-      result.storeTo(trial_ + i * kVector);
+      toScratch(result, trial_ + i * kScratchVector);
       return result;
     });
   }
 
   /// Φ and its gradient by node positions, at trial_.
   void evaluate() {
-    walk([this](int i) { return Vector::loadFrom(trial_ + i * kVector); });
+    walk([this](int i) { return fromScratch(trial_ + i * kScratchVector); });
   }
 
   /// Φ and its gradient along the rod whose edges are edge(0), edge(1), ...
   template <class Edge>
   CALLIGRAPHY_INLINE void walk(Edge&& edge) {
-    const V weight = step_.inertia, half = real(0.5);
-    V bending{}, inertia{}, contact{};
+    V bending{};
     Vector before = clamp_, way = root_displacement_;
+    typename Base::NodeSums sums;
+    sums.lowest = root_position_.z;
     if constexpr (Potential::kPresent) potential_.beginPass();
     for (int i = 0; i < n_ - 1; ++i) {
       const Vector e = edge(i);
       const V s = squaredNorm(e - before) * inverse_length_squared_;
       bending = bending + load<V>(spring_ + i * kLanes) * bendingTerms(s, law_).value;
       way = way + (e - Vector::loadFrom(edge_ + i * kVector));
-      const Vector off = way - Vector::loadFrom(target_ + (i + 1) * kVector);
-      const V w = weight * load<V>(mass_ + (i + 1) * kLanes);
-      Vector gradient = w * off;
-      inertia = inertia + half * w * squaredNorm(off);
-      if constexpr (Potential::kPresent) contact = contact + potential_.add(i + 1, way, gradient);
-      gradient.storeTo(gradient_ + (i + 1) * kVector);
+      toScratch(Base::addNode(i + 1, way, sums), gradient_ + (i + 1) * kScratchVector);
       before = e;
     }
-    energy_ = bending * length_ * length_ + inertia + contact;
+    Base::energy_ = bending * length_ * length_ + real(0.5) * sums.twice_inertia + sums.potential;
+    Base::lowest_ = sums.lowest;
   }
 
   /// Unit vectors that span the plane perpendicular to unit t.
@@ -152,13 +122,16 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
     p1 = {b, sign + t.y * t.y * a, -t.y};
   }
 
-  // Rows of an edge in factor_. Where the sweep is done with a row it puts a gain there.
-  static constexpr int kBasis = 0;  // P, 6
-  static constexpr int kCoupling =
-      6 * kLanes;  // C of the edge and the one before it, then its gain U, 4
-  static constexpr int kOwnGradient = 10 * kLanes;  // q, then the gain k, 2
-  static constexpr int kOwnHessian = 12 * kLanes;   // Q, 3
-  static constexpr int kGain = kOwnHessian;         // X, 6
+  // Rows of an edge in factor_, see RodResponse. Where the sweep is done with a row it puts a gain
+  // there.
+  static constexpr int kRow = Base::kWidth;
+  static constexpr int kBasis = kRodFactorBasis * kRow;
+  static constexpr int kCoupling = kRodFactorCoupling * kRow;  // C of the edge and the one before it, then U
+  static constexpr int kOwnGradient = kRodFactorStep * kRow;   // q, then k
+  static constexpr int kOwnHessian = kRodFactorGain * kRow;    // Q, 3, then X
+  static constexpr int kGain = kOwnHessian;
+  static constexpr int kPivot = kRodFactorPivot * kRow;
+  static constexpr int kFactor = kRodFactorRows * kRow;
 
   /// Riccati sweep from tip to root: gains of every edge into factor_, and gᵀH⁻¹g into `decrement`.
   /// `majorant` blends the Hessian (0) with a positive definite one above it (1). Returns the lanes
@@ -169,7 +142,7 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
   Mask sweep(V majorant, V& decrement) {
     writeJoints(majorant);
 
-    const V weight = step_.inertia, zero{}, one = real(1);
+    const V weight = inertia_, zero{}, one = real(1);
     const V least_pivot = real(8) * broadcast<V>(std::numeric_limits<Real>::epsilon());
     Mask failed = zero > one;
     V spent{};
@@ -185,19 +158,19 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
       S.yy = S.yy + w;
       S.zz = S.zz + w;
       if constexpr (Potential::kPresent) potential_.addHessian(i + 1, S);
-      p = p + Vector::loadFrom(gradient_ + (i + 1) * kVector);
+      p = p + fromScratch(gradient_ + (i + 1) * kScratchVector);
 
       Real* row = factor_ + i * kFactor;
-      const Vector P0 = Vector::loadFrom(row + kBasis);
+      const Vector P0 = fromScratch(row + kBasis);
       const Vector W0 = S * P0 + R0;
       const V H00 = Q00 + load<V>(row + kOwnHessian) + dot(P0, W0 + R0);
       const V g0 = q0 + load<V>(row + kOwnGradient) + dot(P0, p);
-      const Vector P1 = Vector::loadFrom(row + kBasis + 3 * kLanes);
-      V H01 = Q01 + load<V>(row + kOwnHessian + kLanes) + dot(P1, R0);
+      const Vector P1 = fromScratch(row + kBasis + 3 * kRow);
+      V H01 = Q01 + load<V>(row + kOwnHessian + kRow) + dot(P1, R0);
       const Vector W1 = S * P1 + R1;
-      const V H11 = Q11 + load<V>(row + kOwnHessian + 2 * kLanes) + dot(P1, W1 + R1);
+      const V H11 = Q11 + load<V>(row + kOwnHessian + 2 * kRow) + dot(P1, W1 + R1);
       H01 = H01 + dot(P0, W1);
-      const V g1 = q1 + load<V>(row + kOwnGradient + kLanes) + dot(P1, p);
+      const V g1 = q1 + load<V>(row + kOwnGradient + kRow) + dot(P1, p);
 
       const V determinant = H00 * H11 - H01 * H01;
       const Mask good = (H00 > zero) & (determinant > least_pivot * (H00 * H11));
@@ -205,14 +178,20 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
       const V inverse = select(good, one / determinant, zero);
       const V I00 = H11 * inverse, I01 = -H01 * inverse, I11 = H00 * inverse;
 
+      if constexpr (Potential::kTied) {
+        store<V>(row + kPivot, I00);
+        store<V>(row + kPivot + kRow, I01);
+        store<V>(row + kPivot + 2 * kRow, I11);
+      }
+
       const V k0 = I00 * g0 + I01 * g1, k1 = I01 * g0 + I11 * g1;
       spent = spent + g0 * k0 + g1 * k1;
       store<V>(row + kOwnGradient, k0);
-      store<V>(row + kOwnGradient + kLanes, k1);
+      store<V>(row + kOwnGradient + kRow, k1);
       const Vector X0 = I00 * W0 + I01 * W1;
-      X0.storeTo(row + kGain);
+      toScratch(X0, row + kGain);
       const Vector X1 = I01 * W0 + I11 * W1;
-      X1.storeTo(row + kGain + 3 * kLanes);
+      toScratch(X1, row + kGain + 3 * kRow);
       if (i == 0) break;
 
       S.xx = S.xx - W0.x * X0.x - W1.x * X1.x;
@@ -223,21 +202,21 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
       S.zz = S.zz - W0.z * X0.z - W1.z * X1.z;
       p = p - k0 * W0 - k1 * W1;
 
-      const V C00 = load<V>(row + kCoupling), C10 = load<V>(row + kCoupling + 2 * kLanes);
+      const V C00 = load<V>(row + kCoupling), C10 = load<V>(row + kCoupling + 2 * kRow);
       const V U00 = I00 * C00 + I01 * C10, U10 = I01 * C00 + I11 * C10;
       R0 = (-U00) * W0 - U10 * W1;
       Q00 = -(C00 * U00 + C10 * U10);
       q0 = -(C00 * k0 + C10 * k1);
-      const V C01 = load<V>(row + kCoupling + kLanes), C11 = load<V>(row + kCoupling + 3 * kLanes);
+      const V C01 = load<V>(row + kCoupling + kRow), C11 = load<V>(row + kCoupling + 3 * kRow);
       const V U01 = I00 * C01 + I01 * C11, U11 = I01 * C01 + I11 * C11;
       R1 = (-U01) * W0 - U11 * W1;
       Q01 = -(C00 * U01 + C10 * U11);
       Q11 = -(C01 * U01 + C11 * U11);
       q1 = -(C01 * k0 + C11 * k1);
       store<V>(row + kCoupling, U00);
-      store<V>(row + kCoupling + kLanes, U01);
-      store<V>(row + kCoupling + 2 * kLanes, U10);
-      store<V>(row + kCoupling + 3 * kLanes, U11);
+      store<V>(row + kCoupling + kRow, U01);
+      store<V>(row + kCoupling + 2 * kRow, U10);
+      store<V>(row + kCoupling + 3 * kRow, U11);
     }
     decrement = spent;
     return failed;
@@ -250,14 +229,14 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
     const V lenient = one - majorant;
     Vector force{};                     // gradient of Φ by a shift of all nodes beyond the edge
     V Q00{}, Q01{}, Q11{}, q0{}, q1{};  // of the joint at the far end of the edge
-    Vector e = Vector::loadFrom(trial_ + (n_ - 2) * kVector);
+    Vector e = fromScratch(trial_ + (n_ - 2) * kScratchVector);
     Vector P0, P1;
     basis(inverse_length_ * e, P0, P1);
     for (int i = n_ - 2;; --i) {
       Real* row = factor_ + i * kFactor;
-      P0.storeTo(row + kBasis);
-      P1.storeTo(row + kBasis + 3 * kLanes);
-      const Vector before = i > 0 ? Vector::loadFrom(trial_ + (i - 1) * kVector) : clamp_;
+      toScratch(P0, row + kBasis);
+      toScratch(P1, row + kBasis + 3 * kRow);
+      const Vector before = i > 0 ? fromScratch(trial_ + (i - 1) * kScratchVector) : clamp_;
       const V s = squaredNorm(e - before) * inverse_length_squared_;
       const BendingTerms<V> law = bendingTerms(s, law_);
       const V k = load<V>(spring_ + i * kLanes);
@@ -266,7 +245,7 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
       const V curvature = A * (one - lenient * (half * s));
 
       // Turning e shortens the way of everything beyond it.
-      force = force + Vector::loadFrom(gradient_ + (i + 1) * kVector);
+      force = force + fromScratch(gradient_ + (i + 1) * kScratchVector);
       V geometric = -dot(e, force) * inverse_length_squared_;
       geometric = select(geometric < zero, lenient * geometric, geometric);
       const V diagonal = curvature + geometric;
@@ -274,19 +253,19 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
       const V a0 = dot(P0, before), a1 = dot(P1, before);
       const V Ba0 = B * a0, Ba1 = B * a1;
       store<V>(row + kOwnHessian, Q00 + diagonal + Ba0 * a0);
-      store<V>(row + kOwnHessian + kLanes, Q01 + Ba0 * a1);
-      store<V>(row + kOwnHessian + 2 * kLanes, Q11 + diagonal + Ba1 * a1);
+      store<V>(row + kOwnHessian + kRow, Q01 + Ba0 * a1);
+      store<V>(row + kOwnHessian + 2 * kRow, Q11 + diagonal + Ba1 * a1);
       store<V>(row + kOwnGradient, q0 - A * a0);
-      store<V>(row + kOwnGradient + kLanes, q1 - A * a1);
+      store<V>(row + kOwnGradient + kRow, q1 - A * a1);
       if (i == 0) break;
 
       Vector N0, N1;
       basis(inverse_length_ * before, N0, N1);
       const V b0 = dot(N0, e), b1 = dot(N1, e);
       store<V>(row + kCoupling, Ba0 * b0 - A * dot(P0, N0));
-      store<V>(row + kCoupling + kLanes, Ba0 * b1 - A * dot(P0, N1));
-      store<V>(row + kCoupling + 2 * kLanes, Ba1 * b0 - A * dot(P1, N0));
-      store<V>(row + kCoupling + 3 * kLanes, Ba1 * b1 - A * dot(P1, N1));
+      store<V>(row + kCoupling + kRow, Ba0 * b1 - A * dot(P0, N1));
+      store<V>(row + kCoupling + 2 * kRow, Ba1 * b0 - A * dot(P1, N0));
+      store<V>(row + kCoupling + 3 * kRow, Ba1 * b1 - A * dot(P1, N1));
       const V Bb0 = B * b0, Bb1 = B * b1;
       Q00 = curvature + Bb0 * b0;
       Q01 = Bb0 * b1;
@@ -299,38 +278,36 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
     }
   }
 
-  /// Edge i of trial_ after a turn that moves its end by scale · turn; the edge itself, to the bit,
-  /// where scale is 0.
+  /// Edge i of trial_ after a turn that moves its end by scale · turn, into next_; the edge itself, to
+  /// the bit, where scale is 0. It is measured, since |e|² + |scale · turn|² would add up errors of the
+  /// length where turns are large.
   CALLIGRAPHY_INLINE Vector turned(int i, const Vector& turn, V scale) const {
-    const Vector e = Vector::loadFrom(trial_ + i * kVector);
+    const Vector e = fromScratch(trial_ + i * kScratchVector);
     const Vector moved = e + scale * turn;
     const Vector result = select(scale == V{}, e, (length_ / sqrt(squaredNorm(moved))) * moved);
-    result.storeTo(next_ + i * kVector);
+    toScratch(result, next_ + i * kScratchVector);
     return result;
   }
   CALLIGRAPHY_INLINE Vector turnOf(int i, V u0, V u1) const {
     const Real* row = factor_ + i * kFactor;
-    return u0 * Vector::loadFrom(row + kBasis) + u1 * Vector::loadFrom(row + kBasis + 3 * kLanes);
+    return u0 * fromScratch(row + kBasis) + u1 * fromScratch(row + kBasis + 3 * kRow);
   }
 
-  /// Root to tip: the Newton update into update_, and the edges after it, times scale, into next_.
-  /// Returns the largest turn of an edge [rad].
+  /// Root to tip: the edges after the Newton update, times scale, into next_. Returns the largest turn
+  /// of an edge by the whole update [rad].
   CALLIGRAPHY_INLINE V solveForUpdate(V scale) {
     Vector shift{};
     V u0{}, u1{}, largest_squared{};
     walk([&](int i) {
       const Real* in = factor_ + i * kFactor;
-      V v0 = -load<V>(in + kOwnGradient) - dot(Vector::loadFrom(in + kGain), shift);
-      V v1 =
-          -load<V>(in + kOwnGradient + kLanes) - dot(Vector::loadFrom(in + kGain + 3 * kLanes), shift);
+      V v0 = -load<V>(in + kOwnGradient), v1 = -load<V>(in + kOwnGradient + kRow);
       if (i > 0) {
-        v0 = v0 - load<V>(in + kCoupling) * u0 - load<V>(in + kCoupling + kLanes) * u1;
-        v1 = v1 - load<V>(in + kCoupling + 2 * kLanes) * u0 - load<V>(in + kCoupling + 3 * kLanes) * u1;
+        v0 = v0 - load<V>(in + kCoupling) * u0 - load<V>(in + kCoupling + kRow) * u1;
+        v1 = v1 - load<V>(in + kCoupling + 2 * kRow) * u0 - load<V>(in + kCoupling + 3 * kRow) * u1;
       }
-      u0 = v0;
-      u1 = v1;
-      store<V>(update_ + i * 2 * kLanes, u0);
-      store<V>(update_ + i * 2 * kLanes + kLanes, u1);
+      // The shift last, since it is known last.
+      u0 = v0 - dot(fromScratch(in + kGain), shift);
+      u1 = v1 - dot(fromScratch(in + kGain + 3 * kRow), shift);
       const Vector turn = turnOf(i, u0, u1);
       shift = shift + turn;
       largest_squared = max(largest_squared, u0 * u0 + u1 * u1);
@@ -339,83 +316,23 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
     return sqrt(largest_squared) * inverse_length_;
   }
 
-  /// The update in update_ once more, with another scale.
-  void retryUpdate(V scale) {
+  /// As solveForUpdate, with a turn by kNudge at the root, less and less towards the tip.
+  void nudge(V scale) {
     walk([&](int i) {
-      const Real* u = update_ + i * 2 * kLanes;
-      return turned(i, turnOf(i, load<V>(u), load<V>(u + kLanes)), scale);
+      return turned(i, turnOf(i, real(kNudge * (n_ - 1 - i) / (n_ - 1)) * length_, V{}), scale);
     });
   }
 
-  /// A turn by kNudge at the root, less and less towards the tip.
-  void writeNudge() {
-    for (int i = 0; i < n_ - 1; ++i) {
-      store<V>(update_ + i * 2 * kLanes, real(kNudge * (n_ - 1 - i) / (n_ - 1)) * length_);
-      store<V>(update_ + i * 2 * kLanes + kLanes, V{});
-    }
-  }
-
-  V lowestHeight() const {
-    V height = root_position_.z, lowest = height;
-    for (int i = 0; i < n_ - 1; ++i) {
-      height = height + load<V>(trial_ + i * kVector + 2 * kLanes);
-      lowest = min(lowest, height);
-    }
-    return lowest;
-  }
-
-  /// Moves the state to the end of the step.
   void finish(const double* pivot, Real* wrench) {
-    if constexpr (Potential::kPresent) potential_.finish();
-    const V from_way = step_.from_way, from_displacement = step_.from_displacement,
-            from_velocity = step_.from_velocity;
-    const Mask restart = step_.restart > V{};
-    const V root_weight = step_.inertia * load<V>(mass_);
-    Vector root_gradient = root_weight * (root_displacement_ - Vector::loadFrom(target_));
-    if constexpr (Potential::kActsOnRoot) potential_.addToRoot(root_displacement_, root_gradient);
-    root_gradient.storeTo(gradient_);
-    Vector force{}, torque{};
-    const Vector centre = wrench ? Vector{real(pivot[0]), real(pivot[1]), real(pivot[2])} : Vector{};
-    Vector way = root_displacement_, position = root_position_;
-    for (int node = 0; node < n_; ++node) {
-      if (node > 0) {
-        const Vector e = Vector::loadFrom(trial_ + (node - 1) * kVector);
-        Real* old = edge_ + (node - 1) * kVector;
-        way = way + (e - Vector::loadFrom(old));
-        position = position + e;
-        e.storeTo(old);
-      }
-      const int at = node * kVector;
-      const Vector old_velocity = Vector::loadFrom(velocity_ + at);
-      const Vector velocity =
-          from_way * way +
-          (from_displacement * Vector::loadFrom(displacement_ + at) + from_velocity * old_velocity);
-      velocity.storeTo(velocity_ + at);
-      select(restart, velocity, old_velocity).storeTo(previous_velocity_ + at);
-      way.storeTo(displacement_ + at);
-      position.storeTo(position_ + at);
-      if (wrench) {
-        const Vector gradient = Vector::loadFrom(gradient_ + at);
-        force = force - gradient;
-        torque = torque - cross(position - centre, gradient);
-      }
-    }
-    if (wrench) {
-      force.storeTo(wrench);
-      torque.storeTo(wrench + kVector);
-    }
+    Base::moveState([this](int i) { return fromScratch(trial_ + i * kScratchVector); }, pivot, wrench);
   }
 
-  int n_;
-  const Real *spring_, *mass_;
-  Real *edge_, *position_, *displacement_, *velocity_, *previous_velocity_;
+  const Real* spring_;
   const Real* guess_;
-  Real *target_, *gradient_, *update_, *factor_;
-  const StepCoefficientsOf<V>& step_;
-  double gravity_;
+  Real* factor_;
   V law_;  // p of bendingTerms
-  V length_, inverse_length_, inverse_length_squared_;
-  Vector root_position_, root_displacement_, clamp_;
+  V inverse_length_, inverse_length_squared_;
+  Vector clamp_;
 };
 
 }  // namespace calligraphy_brush

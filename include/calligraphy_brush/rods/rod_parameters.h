@@ -18,6 +18,9 @@ struct RodParameters {
   double tolerance = 1e-6;
   int max_iterations = 50;
   double sleep = 1e-7;
+  double wet_stiffness = 0.4;
+  double wet_memory = 0.2;
+  double wet_memory_time = 5.0;
   int threads = 1;
   std::string instruction_set = "best";
 
@@ -48,6 +51,15 @@ struct RodParameters {
     visit("sleep", self.sleep, Range{0.0, 1e-3}, "m",
           "Rods rest unsolved, 16 together, once none of their nodes has moved so far in 32 steps under "
           "a handle at rest, until anything changes; 0: never.");
+    visit("wet_stiffness", self.wet_stiffness, Range{0.01, 1.0}, "1",
+          "Stiffness of hair full of ink over that of dry hair; Young's modulus of keratin is about 0.4 "
+          "of the dry one in water (Feughelman 1959), synthetic hair has 1.");
+    visit("wet_memory", self.wet_memory, Range{0.0, 0.9}, "1",
+          "Part of its bend that wet hair takes on when it is held bent for long; 0: none. No measured "
+          "source.");
+    visit("wet_memory_time", self.wet_memory_time, Range{0.01, 1e6}, "s",
+          "Time constant of that in hair full of ink; most of what hair in water relaxes in minutes it "
+          "does in its first 10 s.");
     visit("threads", self.threads, Range{1, 256}, "1",
           "Threads that solve rods; the result does not depend on it.");
     visit("instruction_set", self.instruction_set, Choices{"best", "baseline", "avx2", "avx512"}, "1",

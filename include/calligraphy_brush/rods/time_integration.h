@@ -27,6 +27,10 @@ struct StepCoefficientsOf {
   V from_displacement;  ///< [1/s]
   V from_velocity;      ///< [1]
   V restart;            ///< 1: v₋ becomes v as well, so that BDF2 goes on with this step's momentum; 0
+
+  /// d is near guess_displacement d₋ + guess_velocity v₋ where the motion is smooth.
+  V guess_displacement;  ///< [1]
+  V guess_velocity;      ///< [s]
 };
 using StepCoefficients = StepCoefficientsOf<double>;
 
@@ -38,15 +42,12 @@ StepCoefficientsOf<V> laneCoefficients(const StepCoefficients& usual, const Step
     return select(is_calm, broadcast<V>(static_cast<RealOf<V>>(calm.*member)),
                   broadcast<V>(static_cast<RealOf<V>>(usual.*member)));
   };
-  return {pick(&StepCoefficients::inertia),
-          pick(&StepCoefficients::displacement),
-          pick(&StepCoefficients::velocity),
-          pick(&StepCoefficients::previous_velocity),
-          pick(&StepCoefficients::gravity),
-          pick(&StepCoefficients::from_way),
-          pick(&StepCoefficients::from_displacement),
-          pick(&StepCoefficients::from_velocity),
-          pick(&StepCoefficients::restart)};
+  return {pick(&StepCoefficients::inertia),           pick(&StepCoefficients::displacement),
+          pick(&StepCoefficients::velocity),          pick(&StepCoefficients::previous_velocity),
+          pick(&StepCoefficients::gravity),           pick(&StepCoefficients::from_way),
+          pick(&StepCoefficients::from_displacement), pick(&StepCoefficients::from_velocity),
+          pick(&StepCoefficients::restart),           pick(&StepCoefficients::guess_displacement),
+          pick(&StepCoefficients::guess_velocity)};
 }
 
 /// Backward Euler over h [s] > 0 with damping c [1/s] ≥ 0: v = d/h, a = (v − v₋)/h. First order.
@@ -57,6 +58,7 @@ inline StepCoefficients backwardEuler(double h, double damping) {
   k.velocity = rate / k.inertia;
   k.gravity = 1.0 / k.inertia;
   k.from_way = rate;
+  k.guess_velocity = h;
   return k;
 }
 
@@ -79,6 +81,9 @@ inline StepCoefficients bdf2(double h, double damping) {
   k.gravity = 1.0 / k.inertia;
   k.from_way = rate;
   k.from_displacement = -0.5 / h;
+  // 2d₋ − d₋₋, since v₋ = (3d₋ − d₋₋)/(2h)
+  k.guess_displacement = -1.0;
+  k.guess_velocity = 2.0 * h;
   return k;
 }
 
@@ -101,6 +106,7 @@ inline StepCoefficients sdirk2SecondStage(double h, double damping) {
   k.from_way = rate;
   k.from_displacement = rate;
   k.from_velocity = -s;
+  k.guess_velocity = (1.0 - kSdirk2Gamma) * h;
   return k;
 }
 
