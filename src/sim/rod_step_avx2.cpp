@@ -2,8 +2,8 @@
 
 namespace calligraphy_brush {
 
-const RodStepKernel kRodStepAvx2{"avx2", &rod_step_detail::solve<float, 32>,
-                                 &rod_step_detail::solve<double, 32>, &rod_step_detail::pull<float, 32>,
-                                 &rod_step_detail::pull<double, 32>};
+const RodStepKernel kRodStepAvx2{
+    "avx2", &rod_step_detail::solve<float, 32>, &rod_step_detail::solve<double, 32>,
+    rod_step_detail::coupling<float, 32>(), rod_step_detail::coupling<double, 32>()};
 
 }  // namespace calligraphy_brush

@@ -4,6 +4,6 @@ namespace calligraphy_brush {
 
 const RodStepKernel kRodStepAvx512{
     "avx512", &rod_step_detail::solve<float, 64>, &rod_step_detail::solve<double, 64>,
-    &rod_step_detail::pull<float, 64>, &rod_step_detail::pull<double, 64>};
+    rod_step_detail::coupling<float, 64>(), rod_step_detail::coupling<double, 64>()};
 
 }  // namespace calligraphy_brush

@@ -7,6 +7,7 @@
 
 #include "calligraphy_brush/ink/capillary_flow.h"
 #include "calligraphy_brush/ink/tip_ink.h"
+#include "calligraphy_brush/sim/tip_shape.h"
 #include "calligraphy_brush/sim/tuft.h"
 
 namespace calligraphy_brush {
@@ -66,7 +67,7 @@ struct Simulator::Implementation {
         paper(p.paper),
         nodes(static_cast<std::size_t>(ink.nodeCount())),
         push(static_cast<std::size_t>(ink.nodeCount())) {
-    if (parameters.contact.bundles) tellInk();
+    tellInk();
     startReport();
   }
 
@@ -187,10 +188,12 @@ struct Simulator::Implementation {
     capillary_flow.flowAlong(flowSeconds(), ink);
     if ((report.step_count + 1) % (kFlowsAcross * flow_steps) == 0)
       capillary_flow.flowAcross(kFlowsAcross * flowSeconds(), ink);
-    if (parameters.contact.bundles) tellInk();
+    tellInk();
   }
-  /// Lets the rods know by how much ink they cling.
+  /// Lets the rods know the ink by which they cling and get soft.
   void tellInk() {
+    const RodParameters& rods = parameters.rods;
+    if (!parameters.contact.bundles && rods.wet_stiffness == 1.0 && rods.wet_memory == 0.0) return;
     saturation.resize(ink.volume().size());
     for (std::size_t i = 0; i < saturation.size(); ++i)
       saturation[i] = ink.capacity()[i] > 0.0 ? ink.volume()[i] / ink.capacity()[i] : 0.0;
@@ -285,13 +288,13 @@ int Simulator::advanceTo(std::int64_t stamp_ns) {
 
 void Simulator::dip() {
   implementation_->ink.dip();
-  if (implementation_->parameters.contact.bundles) implementation_->tellInk();
+  implementation_->tellInk();
   implementation_->reportInk();
 }
 
 void Simulator::wipe() {
   implementation_->ink.wipe();
-  if (implementation_->parameters.contact.bundles) implementation_->tellInk();
+  implementation_->tellInk();
   implementation_->reportInk();
 }
 
@@ -305,7 +308,7 @@ void Simulator::reset() {
   s.paper.clear();
   s.liftAll();
   s.ink.dip();
-  if (s.parameters.contact.bundles) s.tellInk();
+  s.tellInk();
   s.handle = s.drawn = HandlePose{};
   s.time_ns = 0;
   s.tuft->place(Eigen::Isometry3d::Identity());
@@ -354,9 +357,20 @@ Eigen::Vector3d Simulator::nodeContactForce(int rod, int node) const {
   return implementation_->tuft->contactForce(rod, node);
 }
 
+double Simulator::nodeInk(int rod, int node) const {
+  const TipInk& ink = implementation_->ink;
+  const auto at = static_cast<std::size_t>(rod * ink.nodeCount() + node);
+  return ink.capacity()[at] > 0.0 ? ink.volume()[at] / ink.capacity()[at] : 0.0;
+}
+
 double Simulator::rodInk(int rod) const {
   const double capacity = implementation_->ink.rodCapacity(rod);
   return capacity > 0.0 ? implementation_->ink.rodVolume(rod) / capacity : 0.0;
+}
+
+TipShape Simulator::tipShape() const {
+  const Implementation& s = *implementation_;
+  return findTipShape(s.brush, *s.tuft);
 }
 
 std::uint64_t Simulator::stateHash() const {

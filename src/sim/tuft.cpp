@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "calligraphy_brush/common/thread_pool.h"
+#include "calligraphy_brush/rods/wet_hair.h"
 #include "calligraphy_brush/sim/projection_tuft.h"
 #include "calligraphy_brush/sim/rod_step.h"
 
@@ -18,6 +19,16 @@ namespace {
 
 /// Relative speed of touching rods at which friction is fully there [m/s].
 constexpr double kSlipSpeed = 1e-3;
+/// Time for which a list of pairs serves at least [s], unless rods have moved so many margins: one that
+/// comes up from where it was not listed is noticed when it overlaps, and pushed off.
+constexpr double kSearchInterval = 8e-3;
+constexpr double kFarInMargins = 2.5;
+/// Smallest part of a common Newton step that is tried.
+constexpr double kLeastPart = 0.125;
+
+/// What wet hair remembers goes on about so often [s], and at least once in so many steps.
+constexpr double kMemoryInterval = 8e-3;
+constexpr double kMemorySteps = 16;
 
 /// A minimisation of a time step, and the part of the step at which it ends. Rods that stick to the
 /// sheet take the calm coefficients: between two tangents of a constraint, schemes of second order
@@ -54,7 +65,10 @@ class TuftOf : public Tuft {
         first_stages_(makeStages(rods.scheme == "bdf2" ? "backward_euler" : rods.scheme, rods)),
         settings_{rods.tolerance, rods.max_iterations, contact.tolerance, contact.multiplier_updates},
         has_paper_(contact.paper),
+        memory_steps_(static_cast<int>(
+            std::clamp(std::floor(kMemoryInterval / rods.time_step), 1.0, kMemorySteps))),
         coupling_rounds_(contact.coupling_rounds),
+        coupling_iterations_(contact.coupling_iterations),
         coupling_tolerance_(contact.coupling_tolerance) {
     // Rods that need material frames are kept apart: the others are far cheaper.
     place_.resize(brush_.rods.size());
@@ -62,35 +76,46 @@ class TuftOf : public Tuft {
       std::vector<int> indices;
       for (std::size_t rod = 0; rod < brush_.rods.size(); ++rod)
         if (brush_.rods[rod].needsFrames() == framed) indices.push_back(static_cast<int>(rod));
+      // A batch takes the iterations of the lane that needs most, and neighbours meet the sheet
+      // together.
+      groupNeighbours(brush_, kLanes, indices.begin(), indices.end());
       for (std::size_t first = 0; first < indices.size(); first += kLanes) {
         const auto end =
             indices.begin() + static_cast<std::ptrdiff_t>(std::min(first + kLanes, indices.size()));
-        addBatch({indices.begin() + static_cast<std::ptrdiff_t>(first), end}, framed, contact);
+        addBatch({indices.begin() + static_cast<std::ptrdiff_t>(first), end}, framed, rods, contact);
       }
     }
     if (contact.bundles && brush_.rods.size() > 1) tie(rods, contact);
     for (int thread = 0; thread < pool_.threadCount(); ++thread)
       workspaces_.push_back(makeRodBatchWorkspace<Real>(brush_.rods.front().nodeCount()));
+    energy_settings_.max_iterations = 0;
     solve_ = [this](int index, int thread) {
       solve(batches_[static_cast<std::size_t>(index)], workspaces_[static_cast<std::size_t>(thread)]);
     };
+    step_ = [this](int index, int thread) {
+      moveRoots(batches_[static_cast<std::size_t>(index)], X_PH_, false);
+      solve_(index, thread);
+    };
+    relax_ = [this](int index, int) { relaxBends(batches_[static_cast<std::size_t>(index)]); };
   }
 
   void place(const Eigen::Isometry3d& X_PH) override {
     X_PH_ = X_PH;
-    for (std::size_t b = 0; b < batches_.size(); ++b) {
-      Batch& batch = batches_[b];
-      moveRoots(b, X_PH, true);
+    for (Batch& batch : batches_) {
+      wake(batch);
+      moveRoots(batch, X_PH, true);
       placeAtRest(batch.model, batch.roots, batch.state, batch.framed.get());
       for (auto* field : {&batch.contact.multiplier, &batch.contact.offset, &batch.contact.force})
         std::fill(field->begin(), field->end(), Real(0));
       std::fill(batch.wrench.begin(), batch.wrench.end(), Real(0));
-      for (auto* flags : {&batch.contact.engaged, &batch.contact.stuck})
-        std::fill(flags->begin(), flags->end(), Real(0));
+      for (auto* lanes : {&batch.contact.engaged, &batch.contact.stuck, &batch.contact.touching})
+        std::fill(lanes->begin(), lanes->end(), Real(0));
+      std::fill(batch.contact.held.begin(), batch.contact.held.end(), char(0));
       batch.load.clear();
-      wake(batch);
-      lookAtPaper(batch);
+      batch.push.clear();
+      forgetBends(batch.framed.get(), batch.hair);
     }
+    steps_ = 0;
     if (bundles_) bundles_->found_at.clear();
     has_history_ = false;
   }
@@ -145,17 +170,19 @@ class TuftOf : public Tuft {
     }
     if (!handle_rests)
       for (Batch& batch : batches_) wake(batch);
+    if (remembers() && steps_++ % memory_steps_ == 0)
+      pool_.run(static_cast<int>(batches_.size()), relax_);
     for (std::size_t i = 0; i < stages.size(); ++i) {
       stage_ = &stages[i];
       X_PH_ = poses[i];
       pivot_ = {X_PH_.translation().x(), X_PH_.translation().y(), X_PH_.translation().z()};
-      for (std::size_t b = 0; b < batches_.size(); ++b)
-        if (!batches_[b].asleep) moveRoots(b, X_PH_, false);
       report.coupling_error = 0.0;
-      if (bundles_)
+      if (bundles_) {
+        for (Batch& batch : batches_) moveRoots(batch, X_PH_, false);
         solveTogether(report);
-      else
-        pool_.run(static_cast<int>(batches_.size()), solve_);
+      } else {
+        pool_.run(static_cast<int>(batches_.size()), step_);
+      }
       report.solved_rods = 0;
       for (const Batch& batch : batches_) {
         if (batch.asleep) continue;
@@ -172,6 +199,8 @@ class TuftOf : public Tuft {
   }
 
   void setInk(const std::vector<double>& saturation) override {
+    for (Batch& batch : batches_)
+      if (soak(batch.rods, saturation, batch.hair, batch.model, batch.framed.get())) wake(batch);
     if (!bundles_) return;
     for (std::size_t i = 0; i < bundles_->saturation.size(); ++i)
       bundles_->saturation[i] = static_cast<Real>(saturation[i]);
@@ -191,6 +220,7 @@ class TuftOf : public Tuft {
     for (int i = 0; i < 3; ++i)
       batch.load[static_cast<std::size_t>((node * 3 + i) * kLanes) + place.lane] =
           static_cast<Real>(force[i]);
+    sumLoads(batch);
   }
 
   Eigen::Vector3d nodePosition(int rod, int node) const override {
@@ -203,12 +233,15 @@ class TuftOf : public Tuft {
     Eigen::Matrix<double, 6, 1> wrench;
     for (int i = 0; i < 6; ++i)
       wrench[i] = double(batchOf(rod).wrench[static_cast<std::size_t>(i * kLanes) + placeOf(rod).lane]);
+    if (batchOf(rod).hair.is_bent)
+      wrench.tail<3>() -=
+          torqueOfCouples(batchOf(rod).state, batchOf(rod).hair, static_cast<int>(placeOf(rod).lane));
     return wrench;
   }
   RodOnPaper rodOnPaper(int rod) const override {
     const Batch& batch = batchOf(rod);
     const std::size_t lane = placeOf(rod).lane;
-    return {double(batch.lowest[lane]), batch.touching[lane]};
+    return {double(batch.state.lowest[lane]), static_cast<int>(batch.contact.touching[lane])};
   }
   void readRod(int rod, std::vector<Eigen::Vector3d>& nodes) const override {
     nodes.resize(static_cast<std::size_t>(batchOf(rod).model.node_count));
@@ -227,7 +260,11 @@ class TuftOf : public Tuft {
     for (const Batch& batch : batches_)
       if (batch.framed)
         seed = hashBytes(batch.framed->frame.data(), batch.framed->frame.size() * sizeof(Real), seed);
-    return seed;
+    for (const Batch& batch : batches_)
+      for (const auto* field : {&batch.hair.wet, &batch.hair.strain})
+        seed = hashBytes(field->data(), field->size() * sizeof(Real), seed);
+    const int phase = steps_ % memory_steps_;
+    return remembers() ? hashBytes(&phase, sizeof phase, seed) : seed;
   }
 
  private:
@@ -240,15 +277,16 @@ class TuftOf : public Tuft {
     PaperContactState<Real> contact;
     AlignedVector<Real> wrench;
     AlignedVector<Real> calm;  // 1 where a rod takes the calm coefficients in this step, else 0
-    AlignedVector<Real> load;  // on nodes [N], [node][3][lane]; empty where there is none
+    WetHair<Real> hair;
+    AlignedVector<Real> load;    // on nodes [N], [node][3][lane]; empty where there is none
+    AlignedVector<Real> push;    // of all loads, over the masses [m/s²]; empty where there is none
+    AlignedVector<Real> before;  // velocity without it when the solve began
     // In the handle frame, and the roots in the paper frame; double, since the way of a step is a
     // small difference. [component][lane]
-    std::array<double, 3 * kLanes> root_H, clamp_H, root_position;
-    std::array<Real, kLanes> lowest;
-    std::array<int, kLanes> touching;
+    std::array<double, 3 * kLanes> root_H, clamp_H, director_H, root_position;
     SolveReport report;
-    AlignedVector<Real> springs;  // what ties the rods to others, see NodeSprings
-    RodBatchState<Real> start;    // the state before a solve that may have to be done again
+    CoupledBatch<Real> coupled;  // what ties the rods to others
+    RodBatchState<Real> start;   // the state before a solve that may have to be done again
     AlignedVector<Real> start_frame, start_offset, start_stuck;
     bool asleep = false;  // at rest: a step leaves it as it is
     int still_steps = 0;  // without a change of anything from outside, and without motion from `rest`
@@ -260,6 +298,10 @@ class TuftOf : public Tuft {
     batch.asleep = false;
     batch.still_steps = 0;
   }
+
+  /// Of what every processor has.
+  using Register = Lanes<Real, 16 / static_cast<int>(sizeof(Real))>;
+  static constexpr std::size_t kRegister = 16 / sizeof(Real);
 
   /// Whole batches rest, since a lane costs nothing beside others. Motion is measured over many steps,
   /// so that neither a turning point of a swing nor slow creep is taken for rest.
@@ -279,7 +321,8 @@ class TuftOf : public Tuft {
     batch.asleep = batch.still_steps++ == 32;
   }
 
-  void addBatch(const std::vector<int>& rods, bool framed, const ContactParameters& contact) {
+  void addBatch(const std::vector<int>& rods, bool framed, const RodParameters& parameters,
+                const ContactParameters& contact) {
     Batch batch;
     batch.rods = rods;
     batch.model = makeRodBatchModel<Real>(brush_.rods, rods, clamp_);
@@ -287,6 +330,8 @@ class TuftOf : public Tuft {
     batch.roots = makeRodBatchRoots<Real>();
     if (framed)
       batch.framed = std::make_unique<FramedRods<Real>>(makeFramedRods<Real>(brush_.rods, rods, clamp_));
+    batch.hair =
+        makeWetHair(batch.model, batch.framed.get(), parameters, memory_steps_ * parameters.time_step);
     batch.contact = makePaperContactState<Real>(batch.model.node_count);
     batch.contact.friction = static_cast<Real>(contact.paper_friction);
     for (std::size_t i = 0; i < batch.contact.stiffness.size(); ++i)
@@ -302,6 +347,7 @@ class TuftOf : public Tuft {
         const auto at = static_cast<std::size_t>(i * kLanes) + lane;
         batch.root_H[at] = rod.root_H[i];
         batch.clamp_H[at] = rod.direction_H[i] * double(batch.model.edge_length[lane]);
+        batch.director_H[at] = firstDirector(rod)[i];
       }
     }
     for (std::size_t lane = 0; lane < rods.size(); ++lane)
@@ -328,8 +374,12 @@ class TuftOf : public Tuft {
       field[static_cast<std::size_t>(i * kLanes + lane)] = static_cast<Real>(values[i]);
   }
 
-  void moveRoots(std::size_t b, const Eigen::Isometry3d& X_PH, bool placing) {
-    Batch& batch = batches_[b];
+  static Eigen::Vector3d firstDirector(const RodModel& rod) {
+    return (rod.director_H - rod.director_H.dot(rod.direction_H) * rod.direction_H).normalized();
+  }
+
+  void moveRoots(Batch& batch, const Eigen::Isometry3d& X_PH, bool placing) const {
+    if (batch.asleep) return;
     const int rod_count = batch.model.rod_count;
     // Component by component over all lanes, into local arrays, so that it is compiled to registers.
     for (std::size_t i = 0; i < 3; ++i) {
@@ -360,7 +410,7 @@ class TuftOf : public Tuft {
             batch.rods[static_cast<std::size_t>(std::min(lane, rod_count - 1))])];
         Eigen::Matrix3d R;
         R.col(2) = rod.direction_H;
-        R.col(0) = (rod.director_H - rod.director_H.dot(rod.direction_H) * rod.direction_H).normalized();
+        R.col(0) = firstDirector(rod);
         R.col(1) = R.col(2).cross(R.col(0));
         writeRotation(X_PH.linear() * R, lane, batch.framed->clamp_frame);
       }
@@ -370,8 +420,21 @@ class TuftOf : public Tuft {
   void tie(const RodParameters& rods, const ContactParameters& contact) {
     bundles_ = std::make_unique<BundleContact<Real>>(makeBundleContact<Real>(brush_, contact));
     bundles_->slip = kSlipSpeed * rods.time_step;
+    search_interval_ = std::max(1, static_cast<int>(std::lround(kSearchInterval / rods.time_step)));
     for (Batch& batch : batches_) {
-      batch.springs.resize(static_cast<std::size_t>(batch.model.node_count * 9 * kLanes));
+      CoupledBatch<Real>& coupled = batch.coupled;
+      const int n = batch.model.node_count;
+      coupled.springs.resize(static_cast<std::size_t>(n * 4 * kLanes));
+      coupled.factor.resize(static_cast<std::size_t>(n * kRodFactorRows * kLanes));
+      for (auto* field : {&coupled.residual, &coupled.solution, &coupled.direction, &coupled.own,
+                          &coupled.image, &coupled.answer})
+        field->resize(static_cast<std::size_t>((n - 1) * 2 * kLanes));
+      coupled.present.resize(kLanes);
+      for (std::size_t lane = 0; lane < kLanes; ++lane) {
+        const bool present = lane < batch.rods.size();
+        coupled.present[lane] = present ? Real(1) : Real(0);
+        coupled.first_node[lane] = n * (present ? batch.rods[lane] : bundles_->rod_count);
+      }
       forEachNode(batch, [&](std::size_t node, std::size_t lane, std::size_t at) {
         bundles_->hold[at] =
             batch.contact.stiffness[node * kLanes + lane] / static_cast<Real>(contact.stiffness);
@@ -389,51 +452,146 @@ class TuftOf : public Tuft {
   }
 
   /// A step of rods that touch. Each is solved as if the others did what is believed of them, at first
-  /// that they go on as they did, all at once; then once more with what they did, until beliefs and
-  /// deeds agree. The springs that a rod feels lie above the coupled energy, so every round lowers it
-  /// (see BundleContact), and the rounds end at its minimum.
+  /// that they go on as they did, all at once. Then beliefs are improved by a step of Newton's method
+  /// for all of them together (see CoupledRods), as far as it lowers the energy, and each is solved once
+  /// more, until beliefs and deeds agree. The springs that a rod feels lie above the coupled energy, so
+  /// a solve lowers it too (see BundleContact).
   void solveTogether(TuftReport& report) {
     BundleContact<Real>& bundles = *bundles_;
-    for (Batch& batch : batches_)
-      forEachNode(batch, [&](std::size_t node, std::size_t lane, std::size_t at) {
-        for (std::size_t i = 0; i < 3; ++i) {
-          const std::size_t in = (node * 3 + i) * kLanes + lane;
-          const Real way = node == 0 ? batch.roots.displacement[i * kLanes + lane]
-                                     : static_cast<Real>(stage_->end) * batch.state.displacement[in];
-          bundles.way[4 * at + i] = way;
-          bundles.point[4 * at + i] = batch.state.position[in] + way;
-        }
-      });
-    if (pairsAreStale(bundles)) findPairs(bundles);
-    for (Batch& batch : batches_) batch.state.guess.clear();
+    const Coupling<Real>& coupling = kernel_.template coupling<Real>();
+    forBatches([&](Batch& batch) {
+      keepStart(batch);
+      chooseScheme(batch);
+      extrapolate(batch);
+    });
+    const double moved = motionSinceSearch(bundles) / bundles.margin;
+    if (moved > kFarInMargins || (++steps_since_search_ >= search_interval_ && moved > 1.0)) {
+      coupling.find(bundles);
+      takePairs(bundles);
+      steps_since_search_ = 0;
+    }
     if (bundles.empty()) {
+      for (Batch& batch : batches_) batch.state.guess.clear();
       pool_.run(static_cast<int>(batches_.size()), solve_);
       return;
     }
-    for (Batch& batch : batches_) keepStart(batch);
-    for (int round = 0;; ++round) {
-      kernel_.pull(bundles);
-      for (Batch& batch : batches_) writeSprings(bundles, batch.rods, batch.springs.data());
+    coupling.pull(bundles);
+    double energy = energyOfStep();
+    for (int round = 1;; ++round) {
+      forBatches([&](Batch& batch) { coupling.writeSprings(bundles, batch.coupled); });
       pool_.run(static_cast<int>(batches_.size()), solve_);
-      Real largest = 0;
-      for (Batch& batch : batches_)
-        forEachNode(batch, [&](std::size_t node, std::size_t lane, std::size_t at) {
-          for (std::size_t i = 0; i < 3; ++i) {
-            const std::size_t in = (node * 3 + i) * kLanes + lane;
-            const Real way = batch.state.displacement[in];
-            largest = std::max(largest, std::abs(way - bundles.way[4 * at + i]));
-            bundles.way[4 * at + i] = way;
-            bundles.point[4 * at + i] = batch.state.position[in];
-          }
-        });
-      report.coupling_error = double(largest);
-      report.coupling_rounds = round + 1;
-      if (report.coupling_error < coupling_tolerance_ || round + 1 == coupling_rounds_) return;
+      forBatches([&](Batch& batch) { coupling.believe(bundles, batch.state, batch.coupled); });
+      report.coupling_error = 0.0;
+      for (const Batch& batch : batches_)
+        report.coupling_error = std::max(report.coupling_error, batch.coupled.largest);
+      report.coupling_rounds = round;
+      if (report.coupling_error < coupling_tolerance_ || round == coupling_rounds_) return;
+      report.coupling_iterations += findDirection();
       for (Batch& batch : batches_) {
         report.iterations += batch.report.iterations;
+        batch.coupled.shape = batch.state.edge;
         backToStart(batch);
       }
+      // Halved until the energy is below that of the beliefs before; if need be, only what rods did.
+      for (double part = 1.0;; part = part > kLeastPart ? 0.5 * part : 0.0) {
+        forBatches([&](Batch& batch) {
+          if (!batch.framed)
+            coupling.move(bundles, batch.model, batch.roots, batch.state, batch.coupled, part);
+        });
+        coupling.pull(bundles);
+        const double now = energyOfStep();
+        if (part > 0.0 && !(now <= energy)) continue;
+        energy = now;
+        break;
+      }
     }
+  }
+
+  /// Rods go on as they did: into what is believed, and the shapes that the next solve begins with.
+  void extrapolate(Batch& batch) {
+    batch.state.guess = batch.state.edge;
+    // Not by the second order of a lone rod's guess, which makes noise of neighbours louder.
+    const Real part = static_cast<Real>(stage_->end);
+    const auto n = static_cast<std::size_t>(batch.model.node_count);
+    const auto way = [&](std::size_t node, std::size_t at) {
+      return node == 0 ? batch.roots.displacement[at]
+                       : part * batch.state.displacement[node * 3 * kLanes + at];
+    };
+    for (std::size_t edge = 0; edge + 1 < n; ++edge) {
+      Real* e = batch.state.guess.data() + edge * 3 * kLanes;
+      for (std::size_t at = 0; at < 3 * kLanes; ++at) e[at] += way(edge + 1, at) - way(edge, at);
+      for (std::size_t lane = 0; lane < kLanes; ++lane, ++e) {
+        const Real scale =
+            batch.model.edge_length[lane] /
+            std::sqrt(e[0] * e[0] + e[kLanes] * e[kLanes] + e[2 * kLanes] * e[2 * kLanes]);
+        for (std::size_t i = 0; i < 3; ++i) e[i * kLanes] *= scale;
+      }
+    }
+    forEachNode(batch, [&](std::size_t node, std::size_t lane, std::size_t at) {
+      for (std::size_t i = 0; i < 3; ++i) {
+        const Real moved = way(node, i * kLanes + lane);
+        bundles_->way[4 * at + i] = moved;
+        bundles_->point[4 * at + i] = batch.state.position[(node * 3 + i) * kLanes + lane] + moved;
+      }
+    });
+  }
+
+  /// Of the rods and the pairs, at the shapes in state.guess and after BundlePull::pull there [J]. Rods
+  /// with frames are left out: what is believed of them changes only by their own solves.
+  double energyOfStep() {
+    pool_.run(static_cast<int>(batches_.size()), [this](int index, int thread) {
+      Batch& batch = batches_[static_cast<std::size_t>(index)];
+      if (batch.framed) return;
+      if (!batch.push.empty()) putPushIn(batch);
+      RodBatchWorkspace<Real>& workspace = workspaces_[static_cast<std::size_t>(thread)];
+      batch.coupled.product = kernel_(stepOf(batch, workspace, energy_settings_, nullptr)).energy;
+      if (!batch.push.empty()) batch.state.velocity = batch.before;
+    });
+    return bundles_->energy + sumOfProducts();
+  }
+
+  /// From where the rods are towards where all of them together would be, by conjugate gradients that
+  /// stop at the edge of the region in which springs between closest points can be trusted. Returns how
+  /// many. Source: Steihaug 1983, The Conjugate Gradient Method and Trust Regions in Large Scale
+  /// Optimization.
+  int findDirection() {
+    BundleContact<Real>& bundles = *bundles_;
+    const Coupling<Real>& coupling = kernel_.template coupling<Real>();
+    coupling.multiply(bundles);
+    forBatches([&](Batch& batch) { coupling.begin(bundles, batch.coupled); });
+    const double trusted = 2.0 * bundles.margin;
+    double length = 0.0, last_product = 0.0, gone = 0.0;
+    for (int iteration = 0;; ++iteration) {
+      forBatches([&](Batch& batch) { coupling.advance(batch.coupled, length); });
+      const double product = sumOfProducts();
+      if (!(product > 0.0) || iteration == coupling_iterations_ || gone >= trusted) return iteration;
+      const double turn = iteration > 0 ? product / last_product : 0.0;
+      last_product = product;
+      forBatches([&](Batch& batch) { coupling.redirect(bundles, batch.coupled, turn); });
+      coupling.multiply(bundles);
+      forBatches([&](Batch& batch) { coupling.answer(bundles, batch.coupled); });
+      const double curvature = sumOfProducts();
+      if (!(curvature > 0.0)) return iteration;
+      length = product / curvature;
+      double largest = 0.0;
+      for (const Batch& batch : batches_) largest = std::max(largest, batch.coupled.largest);
+      if (length * largest < coupling_tolerance_) return iteration;
+      length = std::min(length, (trusted - gone) / largest);
+      gone += length * largest;
+    }
+  }
+
+  /// Calls task(batch) for all of them, in parallel.
+  template <class Task>
+  void forBatches(Task&& task) {
+    pool_.run(static_cast<int>(batches_.size()),
+              [&](int index, int) { task(batches_[static_cast<std::size_t>(index)]); });
+  }
+  double sumOfProducts() const {
+    double sum = 0.0;
+    for (const Batch& batch : batches_)
+      if (!batch.framed) sum += batch.coupled.product;
+    return sum;
   }
 
   static void keepStart(Batch& batch) {
@@ -451,58 +609,122 @@ class TuftOf : public Tuft {
     if (batch.framed) batch.framed->frame = batch.start_frame;
   }
 
-  void solve(Batch& batch, RodBatchWorkspace<Real>& workspace) {
-    if (batch.asleep) return;
-    // All stages of a step by the same scheme.
+  /// All stages of a step by the same.
+  void chooseScheme(Batch& batch) const {
     if (stage_->end < 1.0 || stages_.size() == 1)
       std::copy(batch.contact.stuck.begin(), batch.contact.stuck.end(), batch.calm.begin());
-    addLoad(
-        batch, [](const StepCoefficients&) { return 1.0; }, batch.state.velocity);
-    batch.report = kernel_(
-        RodStep<Real>{batch.model, batch.roots, stage_->coefficients, settings_, law_, gravity_,
-                      pivot_.data(), has_paper_ ? &batch.contact : nullptr, batch.framed.get(),
-                      batch.state, workspace, batch.wrench.data(), &stage_->calm, batch.calm.data(),
-                      bundles_ && !bundles_->empty() ? batch.springs.data() : nullptr});
-    addLoad(
-        batch, [](const StepCoefficients& k) { return k.restart - 1.0; }, batch.state.previous_velocity);
-    addLoad(
-        batch, [](const StepCoefficients& k) { return -k.from_velocity; }, batch.state.velocity);
-    lookAtPaper(batch);
   }
 
-  /// A load F moves a node's target by F/(m · inertia), and so does a change of the velocity that the
-  /// step starts from by F/(m · inertia · velocity). Put in before the step and taken out of the
-  /// history after it, it costs the kernel nothing. `part`: of it, by the coefficients.
-  template <class Part>
-  void addLoad(const Batch& batch, Part part, AlignedVector<Real>& velocity) const {
-    const auto factor = [&](const StepCoefficients& k) {
-      return static_cast<Real>(part(k) / (k.inertia * k.velocity));
-    };
-    const Real usual = factor(stage_->coefficients), calm = factor(stage_->calm);
-    for (std::size_t i = 0; i < batch.load.size(); ++i)
-      if (batch.load[i] != Real(0))
-        velocity[i] += (batch.calm[i % kLanes] != Real(0) ? calm : usual) * batch.load[i] /
-                       batch.model.mass[i / (3 * kLanes) * kLanes + i % kLanes];
+  RodStep<Real> stepOf(Batch& batch, RodBatchWorkspace<Real>& workspace, const SolverSettings& settings,
+                       const Real* springs) {
+    return {batch.model,
+            batch.roots,
+            stage_->coefficients,
+            settings,
+            law_,
+            gravity_,
+            pivot_.data(),
+            has_paper_ ? &batch.contact : nullptr,
+            batch.framed.get(),
+            batch.state,
+            workspace,
+            batch.wrench.data(),
+            &stage_->calm,
+            batch.calm.data(),
+            springs};
   }
 
-  static void lookAtPaper(Batch& batch) {
-    const bool engaged = std::any_of(batch.contact.engaged.begin(), batch.contact.engaged.end(),
-                                     [](Real lane) { return lane != 0; });
-    std::array<Real, kLanes>
-        lowest;  // apart from the positions, so that loops are compiled to registers
-    std::array<int, kLanes> touching;
-    lowest.fill(std::numeric_limits<Real>::max());
-    touching.fill(0);
-    for (int node = 0; node < batch.model.node_count; ++node) {
-      const Real* z = batch.state.position.data() + (node * 3 + 2) * kLanes;
-      const Real* push = batch.contact.force.data() + (node * 3 + 2) * kLanes;
-      for (std::size_t lane = 0; lane < kLanes; ++lane)
-        lowest[lane] = z[lane] < lowest[lane] ? z[lane] : lowest[lane];
-      if (!engaged) continue;
-      for (std::size_t lane = 0; lane < kLanes; ++lane) touching[lane] += push[lane] > 0;
+  void solve(Batch& batch, RodBatchWorkspace<Real>& workspace) {
+    if (batch.asleep) return;
+    chooseScheme(batch);
+    if (!batch.push.empty()) putPushIn(batch);
+    // Conjugate gradients want the factors of all batches.
+    if (bundles_) std::swap(workspace.factor, batch.coupled.factor);
+    batch.report =
+        kernel_(stepOf(batch, workspace, settings_,
+                       bundles_ && !bundles_->empty() ? batch.coupled.springs.data() : nullptr));
+    if (bundles_) std::swap(workspace.factor, batch.coupled.factor);
+    if (!batch.push.empty()) takePushOut(batch);
+  }
+
+  /// An acceleration a by loads moves a node's target by a/inertia, and so does a change of the velocity
+  /// that the step starts from by a/(inertia · velocity). Put in before the step and taken out of the
+  /// history after it, it costs the kernel nothing. Of the scheme of each rod.
+  template <class Number>
+  void byScheme(const Batch& batch, Number number, Real* of_lane) const {
+    const Real usual = static_cast<Real>(number(stage_->coefficients)),
+               calm = static_cast<Real>(number(stage_->calm));
+    for (std::size_t lane = 0; lane < kLanes; ++lane)
+      of_lane[lane] = batch.calm[lane] != Real(0) ? calm : usual;
+  }
+
+  void putPushIn(Batch& batch) const {
+    alignas(64) std::array<Real, kLanes> factor;
+    byScheme(
+        batch, [](const StepCoefficients& k) { return 1.0 / (k.inertia * k.velocity); }, factor.data());
+    batch.before.resize(batch.push.size());
+    for (std::size_t row = 0; row < batch.push.size(); row += kLanes) {
+      const Real* push = batch.push.data() + row;
+      Real *velocity = batch.state.velocity.data() + row, *before = batch.before.data() + row;
+      for (std::size_t lane = 0; lane < kLanes; lane += kRegister) {
+        const Register v = load<Register>(velocity + lane);
+        store<Register>(before + lane, v);
+        store<Register>(velocity + lane,
+                        v + load<Register>(factor.data() + lane) * load<Register>(push + lane));
+      }
     }
-    batch.lowest = lowest;
-    batch.touching = touching;
+  }
+
+  /// The velocity before the step becomes what it was to the bit: a sum that is taken apart is rounded.
+  void takePushOut(Batch& batch) const {
+    alignas(64) std::array<Real, kLanes> factor, restart;
+    byScheme(
+        batch, [](const StepCoefficients& k) { return k.from_velocity / (k.inertia * k.velocity); },
+        factor.data());
+    byScheme(
+        batch, [](const StepCoefficients& k) { return k.restart; }, restart.data());
+    for (std::size_t row = 0; row < batch.push.size(); row += kLanes) {
+      const Real *push = batch.push.data() + row, *before = batch.before.data() + row;
+      Real *velocity = batch.state.velocity.data() + row,
+           *previous = batch.state.previous_velocity.data() + row;
+      for (std::size_t lane = 0; lane < kLanes; lane += kRegister) {
+        const Register v = load<Register>(velocity + lane) -
+                           load<Register>(factor.data() + lane) * load<Register>(push + lane);
+        store<Register>(velocity + lane, v);
+        store<Register>(previous + lane, select(load<Register>(restart.data() + lane) > Register{}, v,
+                                                load<Register>(before + lane)));
+      }
+    }
+  }
+
+  /// What `push` is by loads and wet hair.
+  static void sumLoads(Batch& batch) {
+    if (batch.hair.is_bent && !batch.framed)
+      batch.push = batch.hair.push;
+    else
+      batch.push.assign(batch.load.size(), Real(0));
+    for (std::size_t i = 0; i < batch.load.size(); ++i)
+      batch.push[i] += batch.load[i] / batch.model.mass[i / (3 * kLanes) * kLanes + i % kLanes];
+  }
+
+  /// Whether hair takes on its bend.
+  bool remembers() const { return !batches_.front().hair.strain.empty(); }
+
+  void relaxBends(Batch& batch) const {
+    if (batch.asleep) return;
+    alignas(64) std::array<Real, 3 * kLanes> director;
+    for (std::size_t i = 0; i < 3; ++i)
+      for (std::size_t lane = 0; lane < kLanes; ++lane) {
+        const double* d = batch.director_H.data() + lane;
+        const auto row = static_cast<Eigen::Index>(i);
+        director[i * kLanes + lane] =
+            static_cast<Real>(X_PH_.linear()(row, 0) * d[0] + X_PH_.linear()(row, 1) * d[kLanes] +
+                              X_PH_.linear()(row, 2) * d[2 * kLanes]);
+      }
+    const bool moves = relax(law_, batch.model, batch.roots, director.data(), batch.state,
+                             batch.framed.get(), batch.hair);
+    if (moves) batch.still_steps = 0;
+    if (batch.hair.is_bent && !batch.framed) sumLoads(batch);
   }
 
   BrushModel brush_;
@@ -515,17 +737,20 @@ class TuftOf : public Tuft {
   std::vector<StageOfStep> stages_, first_stages_;  // the first are those of a step without history
   const StageOfStep* stage_ = nullptr;              // that is solved now
   Eigen::Isometry3d X_PH_ = Eigen::Isometry3d::Identity();
-  SolverSettings settings_;
+  SolverSettings settings_, energy_settings_ = settings_;
   bool has_paper_;
-  int coupling_rounds_;
+  int memory_steps_;  // from one call of relaxBends to the next
+  int steps_ = 0;     // since place()
+  int coupling_rounds_, coupling_iterations_;
   double coupling_tolerance_;
   std::unique_ptr<BundleContact<Real>> bundles_;  // null: the rods do not feel each other
   bool has_history_ = false;
+  int search_interval_ = 1, steps_since_search_ = 0;
   std::array<double, 3> pivot_{};
   std::vector<Batch> batches_;
   std::vector<Place> place_;  // of each rod
   std::vector<RodBatchWorkspace<Real>> workspaces_;
-  std::function<void(int, int)> solve_;
+  std::function<void(int, int)> solve_, step_, relax_;  // of a batch; step_ moves its roots first
 };
 
 }  // namespace

@@ -24,6 +24,8 @@
 ///   ratio_to_baseline        time of the baseline over ours, per rod and simulated time, each at its
 ///                            own step; the baseline is timed in the same process
 ///   unconverged              part of the rod-steps that ended at max_iterations
+/// Of rods that are coupled: rounds and conjugate gradients of a step, and `late`, the part of the steps
+/// that ended before all beliefs were within the tolerance.
 /// The simulator's have each stage's time over rods and steps as well [µs].
 ///
 /// With one thread all times are processor time, which other programs disturb least; with more they
@@ -302,6 +304,66 @@ void timeKernel(benchmark::State& state, int nodes, const std::string& instructi
       1e6 * (seconds[1] - seconds[0]) / (iterations[1] - iterations[0]);
 }
 
+/// A sheet of 0.3 m × 0.3 m at 8 px/mm that is wet all over, unevenly. percent_of_core is the time that
+/// takes over that which goes by, tile_steps_per_s how many steps of its 5625 tiles it is.
+void timeWetSheet(benchmark::State& state, double diffusivity) {
+  PaperParameters parameters;
+  parameters.px_per_mm = 8.0;
+  parameters.diffusivity = diffusivity;
+  Paper paper(parameters);
+  for (int row = 0; row < paper.height_px(); ++row)
+    for (int column = 0; column < paper.width_px(); ++column)
+      paper.setInk(column, row, 2e-5 * (1.0 + 0.3 * std::sin(0.05 * column) * std::cos(0.04 * row)),
+                   1e-5);
+  constexpr double kCall = 0.016;
+  constexpr int kCalls = 125;
+  double seconds = 0.0, simulated = 0.0;
+  const std::uint64_t before = paper.flowCount();
+  for (auto _ : state) {
+    const StopWatch watch(1);
+    for (int call = 0; call < kCalls; ++call) paper.flow(kCall);
+    const double took = watch.seconds();
+    state.SetIterationTime(took);
+    seconds += took;
+    simulated += kCalls * kCall;
+  }
+  state.counters["percent_of_core"] = 100.0 * seconds / simulated;
+  state.counters["tile_steps_per_s"] = static_cast<double>(paper.flowCount() - before) / simulated;
+}
+
+/// Rods of the default brush that touch and cling, and what their coupling takes besides.
+void timeCoupled(benchmark::State& state, int rod_count, double ink, const RodParameters& rods) {
+  Scene scene = standardStroke(rod_count, 16);
+  BrushParameters brush;
+  brush.rod_count = rod_count;
+  scene.brush = makeBrush(brush);
+  scene.contact.bundles = true;
+  const auto tuft = makeTuft(scene.brush, rods, scene.contact);
+  tuft->setInk(std::vector<double>(scene.brush.rods.size() * 16, ink));
+  const int steps = static_cast<int>(scene.duration / rods.time_step);
+  double seconds = 0.0, rounds = 0.0, gradients = 0.0, late = 0.0, total = 0.0;
+  for (auto _ : state) {
+    (void)_;
+    tuft->place(scene.pose(0.0));
+    const StopWatch watch(rods.threads);
+    for (int step = 1; step <= steps; ++step) {
+      const TuftReport report = tuft->step(scene.pose(step * rods.time_step));
+      rounds += report.coupling_rounds;
+      gradients += report.coupling_iterations;
+      late += report.coupling_error >= scene.contact.coupling_tolerance;
+    }
+    const double elapsed = watch.seconds();
+    state.SetIterationTime(elapsed);
+    seconds += elapsed;
+    total += steps;
+  }
+  state.counters["us_per_rod_step"] = 1e6 * seconds / total / rod_count;
+  state.counters["real_time_factor"] = total * rods.time_step / seconds;
+  state.counters["rounds"] = rounds / total;
+  state.counters["conjugate_gradients"] = gradients / total;
+  state.counters["late"] = late / total;
+}
+
 bool processorHas(const std::string& instruction_set) {
   try {
     findRodStepKernel(instruction_set);
@@ -331,6 +393,9 @@ void addBenchmarks() {
     add(name.str(),
         [=](benchmark::State& state) { timeTuft(state, scene, rods, strokeBaseline(nodes)); });
   }
+  for (const char* diffusivity : {"1e-9", "1e-8", "1e-7", "6e-7"})
+    add(std::string("sheet/wet/diffusivity:") + diffusivity,
+        [=](benchmark::State& state) { timeWetSheet(state, std::stod(diffusivity)); });
   const Scene few = freeRelease(kBaselineRods);
   add("projection/release/nodes:10/rods:" + std::to_string(kBaselineRods), [=](benchmark::State& state) {
     timeTuft(state, few, baselineParameters(few), releaseBaseline());
@@ -361,6 +426,14 @@ void addBenchmarks() {
         });
         add("simulator/" + name,
             [=](benchmark::State& state) { timeSimulator(state, rods, nodes, method); });
+      }
+  for (const int rods : {64, 256, 1024})
+    for (const double ink : {0.0, 1.0})
+      for (const std::string& set : sets) {
+        const Method method{"float", set, 1, 0.001};
+        add("coupled/stroke/nodes:16/rods:" + std::to_string(rods) +
+                "/ink:" + (ink > 0.0 ? "1/" : "0/") + method.name(),
+            [=](benchmark::State& state) { timeCoupled(state, rods, ink, method.parameters()); });
       }
   for (Method method : methods) {
     if (method.time_step != 0.002) continue;

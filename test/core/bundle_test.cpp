@@ -7,6 +7,7 @@
 
 #include "calligraphy_brush/contact/bundle_contact.h"
 #include "calligraphy_brush/contact/bundle_pull.h"
+#include "calligraphy_brush/contact/bundle_search.h"
 #include "calligraphy_brush/sim/tuft.h"
 
 // Rods that touch, cling and cross.
@@ -16,6 +17,11 @@ namespace {
 
 constexpr double kPi = 3.14159265358979323846;
 using Pull = BundlePull<Lanes<double, 2>>;
+
+void search(BundleContact<double>& contact) {
+  BundleSearch<Lanes<double, 2>>::find(contact);
+  takePairs(contact);
+}
 
 RodModel rodAt(const Eigen::Vector3d& root, const Eigen::Vector3d& direction, double length, int nodes,
                double radius) {
@@ -90,7 +96,7 @@ TEST(BundlePull, ForceIsTheDerivativeOfTheEnergyOverDecadesOfGaps) {
     putStraight(brush, contact, [&](int rod) {
       return Eigen::Vector3d(rod == 0 ? 0.0 : 2.0 * radius + gap - 1e-3, 0, 0);
     });
-    findPairs(contact);
+    search(contact);
     ASSERT_EQ(contact.beside.count, 3) << gap;  // all nodes but the root
     Pull::pull(contact);
     const double step = std::max(1e-9, 1e-4 * std::abs(gap));
@@ -125,7 +131,7 @@ TEST(BundlePull, PairsMakeNoMomentum) {
       contact.way[i] = 1e-4 * number(random);
       contact.point[i] += contact.way[i];
     }
-  findPairs(contact);
+  search(contact);
   Pull::pull(contact);
   ASSERT_GT(contact.beside.count, 100);
   ASSERT_GT(contact.crossing.count, 10);
@@ -133,7 +139,8 @@ TEST(BundlePull, PairsMakeNoMomentum) {
   double size = 0.0;
   for (int node = 0; node < 40 * 12; ++node) {
     const auto at = static_cast<std::size_t>(node);
-    const Eigen::Vector3d g(contact.pull[12 * at], contact.pull[12 * at + 1], contact.pull[12 * at + 2]);
+    const Eigen::Vector3d g(contact.gradient[4 * at], contact.gradient[4 * at + 1],
+                            contact.gradient[4 * at + 2]);
     const Eigen::Vector3d x(contact.point[4 * at], contact.point[4 * at + 1], contact.point[4 * at + 2]);
     force += g;
     torque += x.cross(g);
@@ -144,7 +151,7 @@ TEST(BundlePull, PairsMakeNoMomentum) {
   EXPECT_LT(torque.norm(), 1e-3 * size);
 }
 
-TEST(BundlePairs, TheGridFindsWhatAllPairsHave) {
+TEST(BundlePairs, TheSearchFindsAllThatTouch) {
   std::mt19937 random(5);
   std::uniform_real_distribution<double> number(-1.0, 1.0);
   BrushModel brush;
@@ -156,7 +163,7 @@ TEST(BundlePairs, TheGridFindsWhatAllPairsHave) {
   BundleContact<double> contact = makeBundleContact<double>(brush, touching());
   contact.hold.assign(contact.hold.size(), 3.0);
   putStraight(brush, contact, [](int) { return Eigen::Vector3d::Zero(); });
-  findPairs(contact);
+  search(contact);
   std::set<std::pair<int, int>> found;
   for (int i = 0; i < contact.beside.count; ++i)
     found.emplace(contact.beside.a[static_cast<std::size_t>(i)],
@@ -165,16 +172,21 @@ TEST(BundlePairs, TheGridFindsWhatAllPairsHave) {
     const double* at = contact.point.data() + 4 * node;
     return Eigen::Vector3d(at[0], at[1], at[2]);
   };
+  // Of two rods the one that comes first in the clusters has the nodes, the other the edges.
+  std::vector<int> order(60);
+  for (std::size_t i = 0; i < 60; ++i)
+    order[static_cast<std::size_t>(contact.clusters.first_node[i] / n)] = static_cast<int>(i);
   int near = 0;
   for (int a = 0; a < 60 * n; ++a)
-    for (int rod = a / n + 1; rod < 60; ++rod)
+    for (int rod = 0; rod < 60; ++rod)
       for (int edge = 0; edge < n - 1; ++edge) {
-        if (a % n == 0) continue;
+        if (a % n == 0 || order[static_cast<std::size_t>(rod)] <= order[static_cast<std::size_t>(a / n)])
+          continue;
         const Eigen::Vector3d from = point(rod * n + edge), along = point(rod * n + edge + 1) - from;
         const double t = (point(a) - from).dot(along) / along.squaredNorm();
         if (t < 0.0 || t > 1.0) continue;
-        // What pulls; the margin finds more.
-        if ((point(a) - from - t * along).norm() > 6e-4 * (1.0 + contact.cohesion_range)) continue;
+        // What touches; of what liquid may bridge it finds the nearest.
+        if ((point(a) - from - t * along).norm() > 6e-4) continue;
         ++near;
         EXPECT_EQ(found.count({a, rod}), 1U) << a << " " << rod;
       }

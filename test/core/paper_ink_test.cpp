@@ -98,7 +98,8 @@ TEST(Paper, IgnoresWhatIsOffTheSheetOrNotANumber) {
   EXPECT_THROW(paper.setInk(0, 120, 0.0, 0.0), std::invalid_argument);
   EXPECT_THROW(paper.setInk(0, 0, std::nan(""), 0.0), std::invalid_argument);
   const float hairs[TouchingPiece::kUnderside] = {};
-  TouchingPiece piece{{-1, 0, 0, 0, 1e-3, 0}, {-1, 0.01, 0, 0, 1e-3, 0}, 0, 1, 1, -1, 1e-5, 1, 1, 1, 1, hairs};
+  TouchingPiece piece{
+      {-1, 0, 0, 0, 1e-3, 0}, {-1, 0.01, 0, 0, 1e-3, 0}, 0, 1, 1, -1, 1e-5, 1, 1, 1, 1, hairs};
   EXPECT_EQ(paper.exchange(piece).volume, 0.0);
   piece.a.x = std::nan("");
   EXPECT_EQ(paper.exchange(piece).volume, 0.0);
@@ -273,6 +274,84 @@ TEST(Flow, ADryOrDriedSheetCostsNothing) {
   const std::uint64_t revision = paper.revision();
   wait(paper, 2.0);
   EXPECT_EQ(paper.revision(), revision);
+}
+
+TEST(Flow, WorksOnlyOnTilesInWhichLiquidMoves) {
+  std::uint64_t count[2];
+  for (const bool large : {false, true}) {
+    PaperParameters parameters = smallSheet(8);
+    if (large) parameters.width = parameters.height = 0.8;  // 667 times as many tiles
+    Paper paper(parameters);
+    wait(paper, 1.0);
+    EXPECT_EQ(paper.flowCount(), 0U);  // dry
+    paper.addDisc(kMiddleX, kMiddleY, 0.002, 4e-5);
+    wait(paper, 2.0);
+    EXPECT_LT(paper.tileCount(), 10);
+    count[large] = paper.flowCount();
+  }
+  EXPECT_GT(count[0], 0U);
+  EXPECT_EQ(count[1], count[0]);
+}
+
+TEST(Flow, AFullBlotDoesNotHastenAFaintOne) {
+  // The faint one costs as much beside a full one as alone.
+  std::uint64_t count[3];
+  for (const int which : {1, 2, 3}) {
+    Paper paper(smallSheet(8));
+    if (which & 1) paper.addDisc(0.01, kMiddleY, 0.002, 8e-5);
+    if (which & 2) paper.addDisc(0.03, kMiddleY, 0.002, 3e-6);
+    wait(paper, 2.0);
+    count[which - 1] = paper.flowCount();
+  }
+  EXPECT_GT(count[0], 4 * count[1]);
+  const auto sum = static_cast<double>(count[0] + count[1]);
+  EXPECT_NEAR(static_cast<double>(count[2]), sum, 0.02 * sum);  // calls are divided otherwise
+}
+
+TEST(Flow, TilesAtTheirOwnStepsDoAsOneGridAtShortSteps) {
+  PaperParameters parameters = smallSheet(8);
+  parameters.unevenness = parameters.evaporation = parameters.film_flow = 0.0;
+  parameters.diffusivity = 3e-7;
+  Paper paper(parameters);
+  // On the corner of four tiles, full, and beside it faint: their steps are far from each other.
+  paper.addDisc(0.020, 0.016, 0.003, 4e-5);
+  paper.addDisc(0.025, 0.016, 0.003, 1e-5);
+  const int columns = paper.width_px(), rows = paper.height_px();
+  const double seconds = 4.0, step = 5e-4, full = paper.capacity();
+  const int q = parameters.flow_exponent;
+  std::vector<double> filling, potential, flux;
+  for (int row = 0; row < rows; ++row)
+    for (int column = 0; column < columns; ++column)
+      filling.push_back(double(paper.water(column, row)) / full);
+  const double rate = step * fullDiffusivity(parameters.diffusivity, q) /
+                      (paper.pixelSize() * paper.pixelSize() * (q + 1));
+  potential.resize(filling.size());
+  for (double t = 0.0; t < seconds - 1e-9; t += step) {
+    for (std::size_t i = 0; i < filling.size(); ++i) {
+      const double inside = std::min(1.0, filling[i]);
+      potential[i] =
+          filling[i] < 1e-4 ? 0.0 : rate * (std::pow(inside, q + 1) + (q + 1) * (filling[i] - inside));
+    }
+    for (int row = 0; row < rows; ++row)
+      for (int column = 0; column < columns; ++column) {
+        const auto at = static_cast<std::size_t>(row * columns + column);
+        const auto flow = [&](std::size_t other) {
+          filling[at] += potential[other] - potential[at];
+          filling[other] += potential[at] - potential[other];
+        };
+        if (column + 1 < columns) flow(at + 1);
+        if (row + 1 < rows) flow(at + static_cast<std::size_t>(columns));
+      }
+  }
+  wait(paper, seconds);
+  double difference = 0.0, sum = 0.0;
+  for (int row = 0; row < rows; ++row)
+    for (int column = 0; column < columns; ++column) {
+      const double expected = full * filling[static_cast<std::size_t>(row * columns + column)];
+      difference += std::abs(double(paper.water(column, row)) - expected);
+      sum += expected;
+    }
+  EXPECT_LT(difference / sum, 0.01);
 }
 
 TEST(Flow, BleedsFurtherOnRawThanOnSizedPaper) {

@@ -140,7 +140,7 @@ TEST(StrokeLaw, CoverageNeverRisesAlongAStrokeOnOneLoad) {
 
 TEST(StrokeLaw, GapsRiseWithDryness) {
   double before = -1.0;
-  for (const double room : {1000.0, 0.5, 0.2, 0.08}) {
+  for (const double room : {1000.0, 0.5, 0.2, 0.08, 0.04}) {
     const double share = gaps(wetLine(scene(), {}, room));
     EXPECT_GT(share, before) << room;
     before = share;
@@ -176,11 +176,26 @@ TEST(StrokeLaw, StreaksLieAlongTheMotion) {
   EXPECT_GT(across / along, 1.2);
 }
 
+namespace {
+
+/// Means of squares of 2 × 2.
+Picture halved(const Picture& fine) {
+  Picture mean(fine.size() / 2);
+  for (std::size_t row = 0; row < mean.size(); ++row)
+    for (std::size_t column = 0; column < fine[row].size() / 2; ++column)
+      mean[row].push_back(0.25 * (fine[2 * row][2 * column] + fine[2 * row][2 * column + 1] +
+                                  fine[2 * row + 1][2 * column] + fine[2 * row + 1][2 * column + 1]));
+  return mean;
+}
+
+}  // namespace
+
 TEST(StrokeLaw, TurningTheInputTurnsThePicture) {
   SimulatorParameters p = scene();
   p.paper.roughness = p.paper.unevenness = 0.0;  // the sheet does not turn with it
+  p.paper.px_per_mm = 8.0;                       // turning a picture blurs a pixel; 4 are compared
   const Picture straight = wetLine(p);
-  for (const double angle : {M_PI / 2, 1.0}) {
+  for (const double angle : {M_PI / 2, 1.0, 0.3}) {
     Line how;
     how.turn = angle;
     const Picture turned = wetLine(p, how);
@@ -203,7 +218,7 @@ TEST(StrokeLaw, TurningTheInputTurnsThePicture) {
                      turned[static_cast<std::size_t>(j + b)][static_cast<std::size_t>(i + a)];
         back[row][column] = sum;
       }
-    EXPECT_GE(overlap(straight, back), angle == 1.0 ? 0.96 : 0.98) << angle;
+    EXPECT_GE(overlap(halved(straight), halved(back)), 0.98) << angle;
   }
 }
 
@@ -221,12 +236,7 @@ TEST(StrokeLaw, TwiceTheResolutionIsTheSameStroke) {
   const Picture coarse = wetLine(p);
   p.paper.px_per_mm = 8.0;
   const Picture fine = wetLine(p);
-  Picture mean = coarse;
-  for (std::size_t row = 0; row < mean.size(); ++row)
-    for (std::size_t column = 0; column < mean[row].size(); ++column)
-      mean[row][column] = 0.25 * (fine[2 * row][2 * column] + fine[2 * row][2 * column + 1] +
-                                  fine[2 * row + 1][2 * column] + fine[2 * row + 1][2 * column + 1]);
-  EXPECT_GE(overlap(coarse, mean), 0.97);
+  EXPECT_GE(overlap(coarse, halved(fine)), 0.97);
 }
 
 TEST(StrokeLaw, ThereIsNoInkWhereTheTipDidNotTouch) {

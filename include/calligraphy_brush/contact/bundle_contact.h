@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <vector>
@@ -47,6 +48,72 @@ struct BundlePairs {
   AlignedVector<Real> gap;           ///< between the surfaces after pull() [m]
 };
 
+/// Pairs that act, as springs between their closest points: what BundlePull::multiply needs.
+template <class Real>
+struct BundleLinks {
+  int count = 0;
+  AlignedVector<std::int32_t> a, b;  ///< as in BundlePairs
+  AlignedVector<Real> s, t;          ///< parts of the edges at which the points lie; s of crossing pairs
+  AlignedVector<Real> x, y, z;       ///< direction of the line between them
+  AlignedVector<Real> drag;          ///< stiffness in all directions, by friction [N/m]
+  AlignedVector<Real> rest;          ///< what the stiffness along the line has more than that [N/m]
+};
+
+/// Cosine of the angle between edges from which they may cross unseen by nodes.
+constexpr double kCrossingCosine = 0.94;
+/// How far beyond a rod's end its last edge is felt, in edges.
+constexpr double kReachBeyondEnd = 0.25;
+
+template <class Real>
+struct BundleBox {
+  std::array<Real, 3> low{kFar, kFar, kFar}, high{-kFar, -kFar, -kFar};
+
+  void include(const BundleBox& other) {
+    for (std::size_t i = 0; i < 3; ++i) {
+      low[i] = std::min(low[i], other.low[i]);
+      high[i] = std::max(high[i], other.high[i]);
+    }
+  }
+  void grow(Real by) {
+    for (std::size_t i = 0; i < 3; ++i) {
+      low[i] -= by;
+      high[i] += by;
+    }
+  }
+
+ private:
+  static constexpr Real kFar = Real(1e9);
+};
+
+/// Directions no further than `angle` [rad] from an axis.
+struct BundleCone {
+  std::array<double, 3> axis{};
+  double angle = 0.0;
+};
+
+/// Rods in groups of neighbours, and what BundleSearch knows of them: [cluster][node or edge].
+template <class Real>
+struct BundleClusters {
+  int count = 0;
+  std::vector<std::int32_t> first_node;  ///< rod · node count, or rod_count · node count: none. [lane]
+  AlignedVector<Real> place;             ///< [m], [3][lane]
+  AlignedVector<Real> radius;            ///< [m], [lane]
+  AlignedVector<Real> reach;             ///< radius and what liquid bridges [m], [lane]
+  std::vector<BundleBox<Real>> whole, nodes, edges;
+  std::vector<BundleCone> cones;  ///< of the edges
+
+  struct Hit {
+    std::int32_t a, b;
+    Real t;
+    Real squared;  ///< distance [m²]
+  };
+  std::vector<Hit> beside, crossing;  ///< found
+
+  // Scratch.
+  std::vector<int> near, across, met, begin, next;
+  std::vector<Hit> sorted;
+};
+
 /// Contact and cohesion of the rods with one another.
 ///
 /// A pair at gap g has the energy of pairEnergy(), times the length of rod that it stands for, with w
@@ -73,31 +140,40 @@ struct BundleContact {
   AlignedVector<Real> radius;            ///< [m]
   AlignedVector<Real> voronoi;           ///< length of rod that the node stands for [m]
   AlignedVector<Real> hold;              ///< inertia and bending that hold it in its place [N/m]
+  AlignedVector<Real> bridge;            ///< a rod's part of the gap that liquid bridges [m], [rod]
   std::vector<Eigen::Vector3d> root_H;   ///< of the straight rods at rest, [rod]
   std::vector<Eigen::Vector3d> along_H;  ///< to their ends, [rod]
   double friction = 0.0;                 ///< Coulomb coefficient
   double slip = 0.0;                     ///< way in a step at which friction is fully there [m]
   double stiffness = 0.0;                ///< contact/bundle_stiffness
+  double modulus = 0.0;                  ///< contact/bundle_modulus [Pa]
   double cohesion_range = 0.0;           ///< contact/cohesion_range
   double surface_tension = 0.0;          ///< [N/m]
 
   /// What the other rods are believed to do in the step.
-  AlignedVector<Real> point;  ///< x, y, z, 0 at its end [m], [rod][node][4]
-  AlignedVector<Real> way;    ///< x, y, z, 0 [m], [rod][node][4]
+  AlignedVector<Real> point;  ///< at its end [m], quads
+  AlignedVector<Real> way;    ///< [m], quads
 
   /// Ink as a part of what there is room for, 0..1.
   AlignedVector<Real> saturation;
   AlignedVector<Real> crowd;  ///< neighbours that touched when the pairs were found
 
   BundlePairs<Real> beside, crossing;
-  /// Gradient gx, gy, gz, 0 [N] and curvature xx, yy, zz, 0, xy, xz, yz, 0 [N/m]: [rod][node][12].
-  AlignedVector<Real> pull;
+  BundleLinks<Real> beside_links, crossing_links;  ///< after pull()
+  // Quads, see common/quads.h, of the nodes: [rod][node][4], and those of a rod more that is not there.
+  /// Of the energy after pull() [N]; the fourth number is a curvature by this node alone that no
+  /// direction exceeds [N/m].
+  AlignedVector<Real> gradient;
+  AlignedVector<Real> move;    ///< of BundlePull::multiply [m]
+  AlignedVector<Real> answer;  ///< [N]
+
+  double energy = 0.0;  ///< of all pairs after pull() [J]
 
   // Of the search.
   AlignedVector<Real> found_at;  ///< `point` when the pairs were found
   double margin = 0.0;           ///< relative motion for which they hold [m]
   std::int64_t search_count = 0;
-  std::vector<int> cell_of, cell_begin;  // scratch
+  BundleClusters<Real> clusters;
 
   bool empty() const { return beside.count == 0 && crossing.count == 0; }
 };
@@ -105,26 +181,22 @@ struct BundleContact {
 template <class Real>
 BundleContact<Real> makeBundleContact(const BrushModel& brush, const ContactParameters& parameters);
 
-/// Whether nodes have moved, each by the mean of its index, so far that pairs may be missing.
+/// How far nodes have moved relative to their neighbours since the pairs were found [m]: what the rods
+/// of a cluster do each by itself, or a part of what clusters do by themselves.
 template <class Real>
-bool pairsAreStale(const BundleContact<Real>& contact);
+double motionSinceSearch(const BundleContact<Real>& contact);
 
-/// Finds the pairs at `point`, by a grid of cells: in time that grows as the number of rods.
+/// Makes the pairs that BundleSearch found.
 template <class Real>
-void findPairs(BundleContact<Real>& contact);
+void takePairs(BundleContact<Real>& contact);
 
 /// Takes the ink in `saturation` into the pairs.
 template <class Real>
 void updateCohesion(BundleContact<Real>& contact);
 
-/// Contact and cohesion after pull() as springs of the nodes of a batch, whose lanes hold `rods`, and
-/// lanes beyond them the last one: [node][9][lane], c and H of cᵢ·d + ½ dᵀ Hᵢ d, d the node's way.
-template <class Real>
-void writeSprings(const BundleContact<Real>& contact, const std::vector<int>& rods, Real* springs);
-
-/// Which rods hang together, by pairs closer than half their range: a label for each rod, equal for
-/// rods of one group, 0 .. groups − 1 in the order of the rods. Only pairs on the last part of a rod
-/// count, from the node `first_node` on. Returns the number of groups.
+/// Which rods hang together, by pairs closer than half the range of the liquid, or touching if dry: a
+/// label for each rod, equal for rods of one group, 0 .. groups − 1 in the order of the rods. Only pairs
+/// on the last part of a rod count, from the node `first_node` on. Returns the number of groups.
 template <class Real>
 int findGroups(const BundleContact<Real>& contact, int first_node, std::vector<int>& group_of_rod);
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "calligraphy_brush/common/quads.h"
 #include "calligraphy_brush/contact/bundle_contact.h"
 
 namespace calligraphy_brush {
@@ -12,33 +13,78 @@ class BundlePull {
   using Vector = Vec3<V>;
   using Mask = MaskOf<V>;
 
-  /// Fills contact.pull, and force and gap of every pair, for the believed `point` and `way`.
+  /// Fills contact.gradient and energy, the links, and force and gap of every pair, for the believed
+  /// `point` and `way`.
   static void pull(BundleContact<Real>& contact) {
-    __builtin_memset(contact.pull.data(), 0, contact.pull.size() * sizeof(Real));
-    pullPairs<false>(contact, contact.beside);
-    pullPairs<true>(contact, contact.crossing);
+    contact.energy = 0.0;
+    __builtin_memset(contact.gradient.data(), 0, contact.gradient.size() * sizeof(Real));
+    pullPairs<false>(contact, contact.beside, contact.beside_links);
+    pullPairs<true>(contact, contact.crossing, contact.crossing_links);
+  }
+
+  /// Fills contact.answer: forces that the links of the last pull() put on nodes against their way
+  /// contact.move, with the opposite sign, so that it is K · move with K symmetric and not negative.
+  static void multiply(BundleContact<Real>& contact) {
+    __builtin_memset(contact.answer.data(), 0, contact.answer.size() * sizeof(Real));
+    multiplyLinks<false>(contact, contact.beside_links);
+    multiplyLinks<true>(contact, contact.crossing_links);
   }
 
  private:
   static constexpr int kWidth = widthOf<V>;
-  /// Three numbers each from quads[index[k] + shift].
   static CALLIGRAPHY_INLINE Vector gather(const Real* quads, const std::int32_t* index, int shift) {
-    alignas(64) Real x[kWidth], y[kWidth], z[kWidth];
-    for (int k = 0; k < kWidth; ++k) {
-      const Real* at = quads + 4 * (index[k] + shift);
-      x[k] = at[0];
-      y[k] = at[1];
-      z[k] = at[2];
+    return Quads<V>::gather(quads, index, shift);
+  }
+  /// Shares out what acts at the closest points to the ends of their edges: b gets the opposite of
+  /// x, y, z.
+  template <bool kCrossing>
+  static CALLIGRAPHY_INLINE void give(const typename Quads<V>::Block& block, V s, V t,
+                                      const std::int32_t* a, const std::int32_t* b, Real* quads) {
+    const V one = broadcast<V>(1);
+    if constexpr (kCrossing) {
+      Quads<V>::add((one - s) * block, quads, a, 0);
+      Quads<V>::add(s * block, quads, a, 1);
+    } else {
+      Quads<V>::add(block, quads, a, 0);
     }
-    return {load<V>(x), load<V>(y), load<V>(z)};
+    const typename Quads<V>::Block opposite{-block.x, -block.y, -block.z, block.w};
+    Quads<V>::add((one - t) * opposite, quads, b, 0);
+    Quads<V>::add(t * opposite, quads, b, 1);
   }
 
   template <bool kCrossing>
-  static void pullPairs(BundleContact<Real>& contact, BundlePairs<Real>& pairs) {
+  static void multiplyLinks(BundleContact<Real>& contact, const BundleLinks<Real>& links) {
+    const Real* move = contact.move.data();
+    for (int first = 0; first < links.count; first += kWidth) {
+      const std::int32_t *a = links.a.data() + first, *b = links.b.data() + first;
+      const V t = load<V>(links.t.data() + first);
+      Vector u = gather(move, a, 0);
+      if constexpr (kCrossing) u = u + load<V>(links.s.data() + first) * (gather(move, a, 1) - u);
+      const Vector w0 = gather(move, b, 0);
+      u = u - (w0 + t * (gather(move, b, 1) - w0));
+      const Vector n{load<V>(links.x.data() + first), load<V>(links.y.data() + first),
+                     load<V>(links.z.data() + first)};
+      const Vector f =
+          load<V>(links.drag.data() + first) * u + (load<V>(links.rest.data() + first) * dot(n, u)) * n;
+      V s{};
+      if constexpr (kCrossing) s = load<V>(links.s.data() + first);
+      give<kCrossing>({f.x, f.y, f.z, V{}}, s, t, a, b, contact.answer.data());
+    }
+  }
+
+  template <bool kCrossing>
+  static void pullPairs(BundleContact<Real>& contact, BundlePairs<Real>& pairs,
+                        BundleLinks<Real>& links) {
+    links.count = 0;
+    for (auto* field : {&links.s, &links.t, &links.x, &links.y, &links.z, &links.drag, &links.rest})
+      field->resize(pairs.a.size());
+    links.a.resize(pairs.a.size());
+    links.b.resize(pairs.a.size());
     const V zero{}, one = broadcast<V>(1), tiny = broadcast<V>(Real(1e-12));
     const V friction = broadcast<V>(static_cast<Real>(contact.friction));
     const V slip = broadcast<V>(static_cast<Real>(contact.slip));
     const Real* point = contact.point.data();
+    V total = zero;
     for (int first = 0; first < pairs.count; first += kWidth) {
       const std::int32_t *a = pairs.a.data() + first, *b = pairs.b.data() + first;
       const Vector a0 = gather(point, a, 0), b0 = gather(point, b, 0), b1 = gather(point, b, 1);
@@ -76,10 +122,16 @@ class BundlePull {
       const V range = load<V>(pairs.range.data() + first), well = load<V>(pairs.well.data() + first);
       const V stiff = load<V>(pairs.stiffness.data() + first) + well;
       const V ratio = gap / range;
-      const V squeeze = one / max(one + gap / distance, broadcast<V>(Real(0.1)));
+      // Below half of the distance the energy goes on as a parabola.
+      const V squeeze = one / max(one + gap / distance, broadcast<V>(Real(0.5)));
       const V bridge = well * max(one - ratio * ratio, zero);
-      const V curvature = part * select(gap < zero, stiff * squeeze, bridge);
+      const V curvature =
+          part * select(gap < zero, broadcast<V>(Real(0.5)) * stiff * squeeze * (one + squeeze), bridge);
       const V force = curvature * gap;
+      const V depth = broadcast<V>(Real(0.25)) * well * range * range, half = broadcast<V>(Real(0.5));
+      const V open = max(one - ratio * ratio, zero);
+      V energy =
+          part * select(gap < zero, half * stiff * squeeze * gap * gap - depth, -depth * open * open);
       store<V>(pairs.gap.data() + first, gap);
       store<V>(pairs.force.data() + first, force);
       if (!any(curvature > zero)) continue;
@@ -93,39 +145,28 @@ class BundlePull {
         const Vector w0 = gather(way, b, 0);
         u = u - (w0 + t * (gather(way, b, 1) - w0));
         u = u - dot(u, n) * n;
-        drag = friction * max(-force, zero) / max(sqrt(squaredNorm(u)), slip);
+        const V speed = sqrt(squaredNorm(u));
+        drag = friction * max(-force, zero) / max(speed, slip);
+        energy = energy + drag * (select(speed < slip, half * speed, speed - half * slip) * speed);
         g = g + drag * u;
       }
-      const V rest = curvature - drag;
-      const Symmetric3<V> H{rest * n.x * n.x + drag, rest * n.x * n.y, rest * n.x * n.z,
-                            rest * n.y * n.y + drag, rest * n.y * n.z, rest * n.z * n.z + drag};
+      total = total + energy;
+      give<kCrossing>({g.x, g.y, g.z, max(curvature, drag)}, s, t, a, b, contact.gradient.data());
 
-      alignas(64) Real rows[11][kWidth];
-      const V values[11] = {g.x, g.y, g.z, H.xx, H.yy, H.zz, H.xy, H.xz, H.yz, t, s};
-      for (int row = 0; row < 11; ++row) store<V>(rows[row], values[row]);
-      alignas(64) Real strong[kWidth];
-      store<V>(strong, curvature);
-      const int here = pairs.count - first < kWidth ? pairs.count - first : kWidth;
-      for (int k = 0; k < here; ++k) {
-        if (!(strong[k] > Real(0))) continue;
-        const Real given[12] = {rows[0][k], rows[1][k], rows[2][k], Real(0),    rows[3][k], rows[4][k],
-                                rows[5][k], Real(0),    rows[6][k], rows[7][k], rows[8][k], Real(0)};
-        const auto give = [&](int node, Real weight, Real sign) {
-          Real* out = contact.pull.data() + 12 * node;
-          const Real signed_weight = sign * weight;
-          for (int i = 0; i < 4; ++i) out[i] += signed_weight * given[i];
-          for (int i = 4; i < 12; ++i) out[i] += weight * given[i];
-        };
-        if constexpr (kCrossing) {
-          give(a[k], Real(1) - rows[10][k], Real(1));
-          give(a[k] + 1, rows[10][k], Real(1));
-        } else {
-          give(a[k], Real(1), Real(1));
-        }
-        give(b[k], Real(1) - rows[9][k], Real(-1));
-        give(b[k] + 1, rows[9][k], Real(-1));
-      }
+      // All of a block or none, so that it is copied and not picked.
+      const auto link = static_cast<std::size_t>(links.count);
+      __builtin_memcpy(links.a.data() + link, a, kWidth * sizeof(std::int32_t));
+      __builtin_memcpy(links.b.data() + link, b, kWidth * sizeof(std::int32_t));
+      store<V>(links.s.data() + link, s);
+      store<V>(links.t.data() + link, t);
+      store<V>(links.x.data() + link, n.x);
+      store<V>(links.y.data() + link, n.y);
+      store<V>(links.z.data() + link, n.z);
+      store<V>(links.rest.data() + link, curvature - drag);
+      store<V>(links.drag.data() + link, drag);
+      links.count += kWidth;
     }
+    for (int k = 0; k < kWidth; ++k) contact.energy += double(total[k]);
   }
 };
 

@@ -12,12 +12,14 @@ struct ContactParameters {
   double tolerance = 3e-5;
   bool paper = true;
   bool bundles = false;
-  double bundle_friction = 0.3;
-  double bundle_stiffness = 1.0;
+  double bundle_friction = 0.1;
+  double bundle_stiffness = 2.0;
+  double bundle_modulus = 600.0;
   double surface_tension = 0.042;
-  double cohesion_range = 0.5;
-  int coupling_rounds = 50;
-  double coupling_tolerance = 1e-6;
+  double cohesion_range = 1.5;
+  int coupling_rounds = 4;
+  int coupling_iterations = 12;
+  double coupling_tolerance = 1e-5;
 
   template <class Self, class Visit>
   static void describe(Self& self, Visit& visit) {
@@ -35,12 +37,18 @@ struct ContactParameters {
           "Coulomb coefficient of hair on hair; no measured source.");
     visit("bundle_stiffness", self.bundle_stiffness, Range{0.01, 1000.0}, "1",
           "Stiffness of the contact of two rods over M/tau^2 + B/h^3 of the softer node.");
+    visit(
+        "bundle_modulus", self.bundle_modulus, Range{0.0, 1e9}, "Pa",
+        "Least force per length and overlap of two rods; hair packed together is stiffer by far, but so "
+        "steps are soft enough to solve.");
     visit("surface_tension", self.surface_tension, Range{0.0, 1.0}, "N/m",
           "Of the ink: 0.038 to 0.045 for pen ink, 0.073 for water.");
     visit("cohesion_range", self.cohesion_range, Range{1e-4, 10.0}, "1",
-          "Gap at which the ink between two rods lets go, over the sum of their radii.");
+          "Gap at which the ink between two rods lets go, over the sum of their radii at the root.");
     visit("coupling_rounds", self.coupling_rounds, Range{1, 1000}, "1",
           "Most solutions of a step in which rods learn what their neighbours did.");
+    visit("coupling_iterations", self.coupling_iterations, Range{0, 1000}, "1",
+          "Most conjugate gradients that a round takes to tell what all rods will do together.");
     visit("coupling_tolerance", self.coupling_tolerance, Range{1e-12, 1e-3}, "m",
           "Error of where rods believe their neighbours to be at which a step is done.");
   }

@@ -25,6 +25,12 @@ struct PaperContactState {
   /// of a contact, else 0: [lane].
   AlignedVector<Real> stuck;
 
+  AlignedVector<Real> touching;  ///< nodes of a rod that the sheet pushed in the last step, [lane]
+
+  /// Not 0 where multiplier, offset or force of a node may be other than zero, in the first of the lanes
+  /// that are solved together: [node][lane].
+  std::vector<char> held;
+
   // Scratch of a step.
   AlignedVector<Real> slip;     ///< offset at the end of the step [m], [node][2][lane]
   AlignedVector<Real> hessian;  ///< xx, xy, yy, zz [N/m], [node][4][lane]
@@ -43,6 +49,8 @@ PaperContactState<Real> makePaperContactState(int node_count) {
   state.stiffness.resize(rows(1));
   state.engaged.resize(kLanes);
   state.stuck.resize(kLanes);
+  state.touching.resize(kLanes);
+  state.held.resize(rows(1));
   state.multiplier.resize(rows(3));
   state.offset.resize(rows(2));
   state.force.resize(rows(3));
@@ -77,7 +85,7 @@ class PaperContact {
  public:
   static constexpr bool kPresent = true;
   static constexpr bool kHasFloor = false;
-  static constexpr bool kActsOnRoot = false;
+  static constexpr bool kTied = false;
   using Real = RealOf<V>;
   using Mask = MaskOf<V>;
 
@@ -95,8 +103,10 @@ class PaperContact {
         better_(state.better.data() + lane),
         piece_(state.piece.data() + lane),
         near_(state.near.data()),
+        held_(state.held.data() + lane),
         engaged_(state.engaged.data() + lane),
         stuck_(state.stuck.data() + lane),
+        touching_(state.touching.data() + lane),
         here_(load<V>(engaged_) > V{}) {
     begin();
   }
@@ -108,26 +118,29 @@ class PaperContact {
 
   CALLIGRAPHY_INLINE V add(int node, const Vec3<V>& way, Vec3<V>& gradient) {
     const V zero{}, one = broadcast<V>(1), half = broadcast<V>(Real(0.5));
-    const V k = hardening_ * load<V>(stiffness_ + node * kLanes);
-    const Vec3<V> multiplier = Vec3<V>::loadFrom(multiplier_ + node * 3 * kLanes);
-    V normal = multiplier.z - k * (load<V>(position_ + (node * 3 + 2) * kLanes) + way.z);
-    Mask touches = here_ & (normal > zero);
-    if (holds_) touches = touches | (multiplier.z > zero);
-    normal = select(touches, normal, zero);
+    const V height = load<V>(position_ + (node * 3 + 2) * kLanes) + way.z;
     Real* piece_address = piece_ + node * kLanes;
-    const Mask present = touches | (multiplier.z > zero);
-    present_ = present_ | present;
-    if (!any(present)) {
+    const auto leave = [&] {
       if (near_[node]) {
         piece_changed_ = piece_changed_ | (load<V>(piece_address) != zero);
         near_[node] = 0;
       }
       return zero;
-    }
+    };
+    if (!held_[node * kLanes] && !any(here_ & (height < zero))) return leave();
+    const V k = hardening_ * load<V>(stiffness_ + node * kLanes);
+    const Vec3<V> multiplier = Vec3<V>::loadFrom(multiplier_ + node * 3 * kLanes);
+    V normal = multiplier.z - k * height;
+    Mask touches = here_ & (normal > zero);
+    if (holds_) touches = touches | (multiplier.z > zero);
+    normal = select(touches, normal, zero);
+    const Mask present = touches | (multiplier.z > zero);
+    present_ = present_ | present;
+    if (!any(present)) return leave();
     if (!near_[node]) {
       store<V>(piece_address, zero);
       multiplier.storeTo(better_ + node * 3 * kLanes);
-      near_[node] = 1;
+      near_[node] = held_[node * kLanes] = 1;
     }
     const V before = load<V>(piece_address);
 
@@ -233,11 +246,14 @@ class PaperContact {
     const V zero{};
     const V least = broadcast<V>(static_cast<Real>(tolerance_));
     Mask engaged = zero > broadcast<V>(1), stuck = engaged;
+    V touching{};
     for (int node = 0; node < node_count_; ++node) {
       Real* multiplier = multiplier_ + node * 3 * kLanes;
       Real* force = force_ + node * 3 * kLanes;
       Real* offset = offset_ + node * 2 * kLanes;
       if (!near_[node]) {
+        if (!held_[node * kLanes]) continue;
+        held_[node * kLanes] = 0;
         Vec3<V>{}.storeTo(multiplier);
         Vec3<V>{}.storeTo(force);
         store<V>(offset, zero);
@@ -253,7 +269,9 @@ class PaperContact {
       const Vec3<V> m =
           select(better.z > zero, old + broadcast<V>(Real(kTakeUp)) * (better - old), better);
       m.storeTo(multiplier);
-      engaged = engaged | (m.z > zero) | (squaredNorm(Vec3<V>::loadFrom(force)) > zero);
+      const Vec3<V> push = Vec3<V>::loadFrom(force);
+      engaged = engaged | (m.z > zero) | (squaredNorm(push) > zero);
+      touching = touching + select(push.z > zero, broadcast<V>(1), zero);
       const V cone = friction_ * m.z;
       const Mask sticks =
           (m.z > zero) & (m.x * m.x + m.y * m.y < broadcast<V>(Real(0.99999)) * cone * cone);
@@ -264,6 +282,7 @@ class PaperContact {
     }
     store<V>(engaged_, select(engaged, broadcast<V>(1), zero));
     store<V>(stuck_, select(stuck, broadcast<V>(1), zero));
+    store<V>(touching_, touching);
   }
 
  private:
@@ -271,8 +290,8 @@ class PaperContact {
   V friction_;
   const Real *position_, *stiffness_;
   Real *multiplier_, *offset_, *force_, *slip_, *hessian_, *better_, *piece_;
-  char* near_;
-  Real *engaged_, *stuck_;
+  char *near_, *held_;
+  Real *engaged_, *stuck_, *touching_;
   Mask here_;  // lanes for which there is a sheet
   static constexpr double kHardest = 64;
   static constexpr double kTakeUp = 0.2;  // of what is left, in a step

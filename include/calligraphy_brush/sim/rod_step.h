@@ -3,10 +3,12 @@
 #include <string>
 
 #include "calligraphy_brush/contact/bundle_pull.h"
+#include "calligraphy_brush/contact/bundle_search.h"
 #include "calligraphy_brush/contact/paper_contact.h"
 #include "calligraphy_brush/rods/framed_kernel.h"
 #include "calligraphy_brush/rods/node_springs.h"
 #include "calligraphy_brush/rods/rod_kernel.h"
+#include "calligraphy_brush/sim/coupled_rods.h"
 
 namespace calligraphy_brush {
 
@@ -30,18 +32,39 @@ struct RodStep {
   const Real* springs = nullptr;  ///< what ties the nodes to other rods, see NodeSprings; null: nothing
 };
 
+/// What couples rods, in phases: BundleSearch's, BundlePull's and CoupledRods'.
+template <class Real>
+struct Coupling {
+  void (*find)(BundleContact<Real>&);
+  void (*pull)(BundleContact<Real>&);
+  void (*multiply)(BundleContact<Real>&);
+  void (*writeSprings)(const BundleContact<Real>&, CoupledBatch<Real>&);
+  void (*believe)(BundleContact<Real>&, const RodBatchState<Real>&, CoupledBatch<Real>&);
+  void (*begin)(const BundleContact<Real>&, CoupledBatch<Real>&);
+  void (*advance)(CoupledBatch<Real>&, double);
+  void (*redirect)(BundleContact<Real>&, CoupledBatch<Real>&, double);
+  void (*answer)(const BundleContact<Real>&, CoupledBatch<Real>&);
+  void (*move)(BundleContact<Real>&, const RodBatchModel<Real>&, const RodBatchRoots<Real>&,
+               RodBatchState<Real>&, CoupledBatch<Real>&, double);
+};
+
 /// A compiled form of the step for one instruction set.
 struct RodStepKernel {
   const char* name;  ///< "avx512", "avx2", "baseline"
   SolveReport (*single)(const RodStep<float>&);
   SolveReport (*twice)(const RodStep<double>&);  ///< double precision
-  void (*pullSingle)(BundleContact<float>&);     ///< BundlePull::pull
-  void (*pullTwice)(BundleContact<double>&);
+  Coupling<float> coupling_single;
+  Coupling<double> coupling_twice;
 
   SolveReport operator()(const RodStep<float>& step) const { return single(step); }
   SolveReport operator()(const RodStep<double>& step) const { return twice(step); }
-  void pull(BundleContact<float>& contact) const { pullSingle(contact); }
-  void pull(BundleContact<double>& contact) const { pullTwice(contact); }
+  template <class Real>
+  const Coupling<Real>& coupling() const {
+    if constexpr (sizeof(Real) == sizeof(float))
+      return coupling_single;
+    else
+      return coupling_twice;
+  }
 };
 
 /// The kernel by its name, or the widest that this processor runs for "best".
@@ -63,6 +86,7 @@ SolveReport solveBatch(const RodStep<RealOf<V>>& step) {
     report.most_iterations =
         part.most_iterations > report.most_iterations ? part.most_iterations : report.most_iterations;
     report.unconverged += part.unconverged;
+    report.energy += part.energy;
   };
   for (int lane = 0; lane < step.model.rod_count; lane += widthOf<V>) {
     const V nobody{};
@@ -102,8 +126,12 @@ SolveReport solveBatch(const RodStep<RealOf<V>>& step) {
 }
 
 template <class Real, int Bytes>
-void pull(BundleContact<Real>& contact) {
-  BundlePull<Lanes<Real, Bytes / static_cast<int>(sizeof(Real))>>::pull(contact);
+constexpr Coupling<Real> coupling() {
+  using V = Lanes<Real, Bytes / static_cast<int>(sizeof(Real))>;
+  using Pull = BundlePull<V>;
+  using Rods = CoupledRods<V>;
+  return {&BundleSearch<V>::find, &Pull::pull,    &Pull::multiply, &Rods::writeSprings, &Rods::believe,
+          &Rods::begin,           &Rods::advance, &Rods::redirect, &Rods::answer,       &Rods::move};
 }
 
 /// The step in registers of `Bytes` bytes.

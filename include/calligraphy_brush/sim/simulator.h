@@ -11,6 +11,7 @@
 #include "calligraphy_brush/motion/pose_track.h"
 #include "calligraphy_brush/paper/paper.h"
 #include "calligraphy_brush/sim/simulator_parameters.h"
+#include "calligraphy_brush/sim/tip_shape.h"
 
 namespace calligraphy_brush {
 
@@ -94,8 +95,13 @@ class Simulator {
   bool nodeTouches(int rod, int node) const;
   /// Force of the sheet on a node [N].
   Eigen::Vector3d nodeContactForce(int rod, int node) const;
+  /// Ink at a node, as a part of what there is room for, 0..1.
+  double nodeInk(int rod, int node) const;
   /// Ink in a rod, as a part of its capacity, 0..1.
   double rodInk(int rod) const;
+
+  /// How the tip holds together now.
+  TipShape tipShape() const;
 
   /// Hash of the whole state: rods, ink, sheet. Equal states have equal hashes.
   std::uint64_t stateHash() const;
