@@ -6,11 +6,13 @@
 #include <ostream>
 
 #include "buckling.h"
+#include "cohesion.h"
 #include "contact.h"
 #include "dynamics.h"
 #include "porous.h"
 #include "sliding.h"
 #include "statics.h"
+#include "tip.h"
 
 namespace calligraphy_brush {
 namespace validate {
@@ -179,6 +181,28 @@ const std::vector<Scene>& scenes() {
                 "the handle\n"
                 "turns from -5 to 70 degrees against the hair, which bends it by more than 150 degrees.",
                 slam),
+      makeScene(
+          "cohesion_pair", "Two parallel rods are pressed together and cling by the ink between them.",
+          "Loads on the nodes press the rods together and are taken away; they come to rest in a "
+          "viscous medium.\n"
+          "Both are full of ink, and w = 2 (pi - 2) gamma r as in the brush. The curvature of the "
+          "free part is a\n"
+          "straight line in the depth below the clamp; dry_length is where that line says that the "
+          "rod runs along\n"
+          "the other.",
+          cohesionPair),
+      makeScene("cohesion_row", "Rods in a row cling in groups, which are larger for longer rods.",
+                "As cohesion_pair: rods are pressed together in equal groups and let go. The size at "
+                "which they hold is\n"
+                "halved into.",
+                cohesionRow),
+      makeScene(
+          "tip_shape", "A tuft with ink closes in the air, and is pressed on the sheet.",
+          "The straight rods are wetted and come to rest. With a depth the upright handle then goes "
+          "down, is dragged\n"
+          "a little and held. Contact, friction and ink are those of the simulator, for the brush "
+          "preset.",
+          tipShape),
       makeScene(
           "strip", "Liquid from a reservoir soaks into a dry strip of the sheet.",
           "The sheet of the simulator with its flow, `nodes` pixels long. Length and time are scaled "

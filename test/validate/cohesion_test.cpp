@@ -1,0 +1,120 @@
+#include "cohesion.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "reference_table.h"
+#include "tip.h"
+
+using namespace calligraphy_brush::validate;
+
+namespace {
+
+CohesionPairParameters pairOf(const Row& row) {
+  CohesionPairParameters p;
+  p.nodes = 40;
+  p.spacing = row.at("d_m");
+  p.energy = row.at("w_J_per_m");
+  p.bending = row.at("B_Nm2");
+  return p;
+}
+
+/// The rows of one surface tension [N/m].
+std::vector<Row> rowsOf(double gamma) {
+  std::vector<Row> rows;
+  for (const Row& row : readReference("pair_of_hairs"))
+    if (row.at("gamma_N_per_m") == gamma) rows.push_back(row);
+  EXPECT_EQ(rows.size(), 5U);
+  return rows;
+}
+
+}  // namespace
+
+TEST(CohesionPair, IsDryAsFarAsTheExactPeelingSolutionSays) {
+  for (const double gamma : {0.072}) {
+    const Row row = rowsOf(gamma)[3];
+    for (const double over : {1.45, 2.0}) {
+      CohesionPairParameters p = pairOf(row);
+      p.length = over * row.at("L_dry_exact_m");
+      const CohesionPairResult result = cohesionPair(p);
+      EXPECT_TRUE(result.stuck);
+      EXPECT_NEAR(result.dry_length / row.at("L_dry_exact_m"), 1.0, 0.03) << gamma << " " << over;
+      // Whatever the law: sqrt(w B).
+      EXPECT_NEAR(result.root_moment / std::sqrt(p.energy * p.bending), 1.0, 0.05) << gamma;
+      EXPECT_LT(result.pulled_from, result.dry_length);
+      EXPECT_GT(result.first_contact, result.dry_length);
+    }
+  }
+}
+
+TEST(CohesionPair, DryLengthGoesWithTheRootOfTheSpacingAndTheFourthRootOfTheStiffness) {
+  // Of rods of equal length, so that the nodes lie differently in each shape.
+  CohesionPairParameters p = pairOf(rowsOf(0.05)[3]);
+  p.length = 0.016;
+  const double dry = cohesionPair(p).dry_length;
+  CohesionPairParameters closer = p;
+  closer.spacing = p.spacing / 5.0;
+  EXPECT_NEAR(std::log(dry / cohesionPair(closer).dry_length) / std::log(5.0), 0.5, 0.015);
+  CohesionPairParameters softer = p;
+  softer.bending = p.bending / 25.0;
+  EXPECT_NEAR(std::log(dry / cohesionPair(softer).dry_length) / std::log(25.0), 0.25, 0.0075);
+}
+
+TEST(CohesionPair, HasLessEnergyThanApartFromTheCollapseLengthOn) {
+  const Row row = rowsOf(0.03)[2];
+  CohesionPairParameters p = pairOf(row);
+  p.length = 0.97 * row.at("L_collapse_m");
+  const CohesionPairResult shorter = cohesionPair(p);
+  EXPECT_TRUE(shorter.holds);
+  EXPECT_FALSE(shorter.stuck);
+  p.length = 1.03 * row.at("L_collapse_m");
+  EXPECT_TRUE(cohesionPair(p).stuck);
+}
+
+TEST(CohesionPair, PartsWhereItIsShorterThanDry) {
+  const Row row = rowsOf(0.03)[2];
+  CohesionPairParameters p = pairOf(row);
+  // What liquid of a finite range pulls at the very ends holds down to about 0.7 of it, at no gain.
+  p.length = 0.85 * row.at("L_dry_exact_m");
+  EXPECT_FALSE(cohesionPair(p).stuck);
+  p.length = 0.6 * row.at("L_dry_exact_m");
+  const CohesionPairResult result = cohesionPair(p);
+  EXPECT_TRUE(result.converged);
+  EXPECT_FALSE(result.holds);
+  EXPECT_FALSE(result.stuck);
+  EXPECT_TRUE(std::isnan(result.dry_length));
+}
+
+TEST(TipShape, WetClosesBelowAThirdAndDryStaysAtRest) {
+  TipShapeParameters p;
+  p.brush = std::string(CALLIGRAPHY_BRUSH_SOURCE_DIR) + "/config/brushes/medium.yaml";
+  const TipShapeResult wet = tipShape(p);
+  EXPECT_EQ(wet.groups, 1);
+  EXPECT_LT(wet.end_diameter, wet.rest_diameter / 3.0);
+  p.ink = 0.0;
+  const TipShapeResult dry = tipShape(p);
+  EXPECT_EQ(dry.groups, 128);
+  EXPECT_NEAR(dry.end_diameter / dry.rest_diameter, 1.0, 0.05);
+}
+
+TEST(TipShape, PressedDryPartsAndWetStaysOne) {
+  TipShapeParameters p;
+  p.rods = 24;
+  p.nodes = 40;
+  p.depth = 0.01;
+  p.duration = 0.3;
+  p.rounds = 20;
+  p.brush = std::string(CALLIGRAPHY_BRUSH_SOURCE_DIR) + "/config/brushes/medium.yaml";
+  int before = 1000;
+  for (const double ink : {0.0, 0.001, 0.25, 1.0}) {
+    p.ink = ink;
+    const TipShapeResult result = tipShape(p);
+    EXPECT_LE(result.groups, before) << ink;
+    before = result.groups;
+    if (ink == 0.0) {
+      EXPECT_GT(result.groups, 3);
+    }
+  }
+  EXPECT_EQ(before, 1);
+}
