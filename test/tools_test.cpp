@@ -8,6 +8,8 @@
 #include <algorithm>
 #include <cstdlib>
 #include <filesystem>
+#include <regex>
+#include <sstream>
 #include <string>
 
 #include "calligraphy_brush/files/png.h"
@@ -141,6 +143,144 @@ TEST_F(Tools, ReplayOptionsDoWhatTheySay) {
                   .exit_code,
               0);
   EXPECT_EQ(readPng(folder.path("t1.png")).mono8, readPng(folder.path("t2.png")).mono8);
+}
+
+/// Two strokes that are far from each other, the left one first.
+const char* const kTwoStrokes =
+    "speed: 0.05\n"
+    "strokes:\n"
+    "  - [[0.015, 0.010, 0.004], [0.015, 0.025, 0.009], [0.015, 0.040, 0.002]]\n"
+    "  - [[0.045, 0.010, 0.004], [0.045, 0.025, 0.009], [0.045, 0.040, 0.002]]\n";
+
+int darkPixels(const GreyPicture& picture, bool left) {
+  int count = 0;
+  for (int row = 0; row < picture.height_px; ++row)
+    for (int column = 0; column < picture.width_px; ++column)
+      count += (2 * column < picture.width_px) == left &&
+               picture.mono8[static_cast<std::size_t>(row * picture.width_px + column)] < 128;
+  return count;
+}
+
+/// Of what is darker than half.
+double intersectionOverUnion(const std::vector<std::uint8_t>& a, const std::vector<std::uint8_t>& b) {
+  double both = 0.0, either = 0.0;
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    both += a[i] < 128 && b[i] < 128;
+    either += a[i] < 128 || b[i] < 128;
+  }
+  return both / either;
+}
+
+TEST_F(Tools, ReplayTakesStrokesBackAndShowsThemOneByOne) {
+  folder.write("p.yaml", kSmallPaper);
+  folder.write("s.yaml", kTwoStrokes);
+  ASSERT_EQ(run("stroke_writer", "s.yaml --quiet --bag s.bag").exit_code, 0);
+  const std::string common = " --quiet --paper ./p.yaml ";
+  ASSERT_EQ(run("stroke_replay", "s.bag all.png --strokes s.png --outline s.svg" + common).exit_code, 0);
+  const GreyPicture all = readPng(folder.path("all.png"));
+  const int left = darkPixels(all, true), right = darkPixels(all, false);
+  ASSERT_GT(left, 300);
+  ASSERT_GT(right, 300);
+
+  // As many pictures as strokes, each with what its stroke added.
+  EXPECT_FALSE(fs::exists(folder.path("s_03.png")));
+  const GreyPicture first = readPng(folder.path("s_01.png")), second = readPng(folder.path("s_02.png"));
+  EXPECT_EQ(darkPixels(first, false) + darkPixels(second, true), 0);
+  std::vector<std::uint8_t> together = first.mono8;
+  for (std::size_t i = 0; i < together.size(); ++i) together[i] = std::min(together[i], second.mono8[i]);
+  EXPECT_GT(intersectionOverUnion(together, all.mono8), 0.95);  // ink goes on to flow
+
+  // Without the last one the sheet is as if it had not been written.
+  ASSERT_EQ(run("stroke_replay", "s.bag one.png --undo 1" + common).exit_code, 0);
+  const GreyPicture one = readPng(folder.path("one.png"));
+  EXPECT_EQ(darkPixels(one, false), 0);
+  for (int row = 0; row < one.height_px; ++row)
+    for (int column = 0; column < one.width_px / 2; ++column) {
+      const auto at = static_cast<std::size_t>(row * one.width_px + column);
+      ASSERT_NEAR(one.mono8[at], all.mono8[at], 8) << row << " " << column;  // it flowed in other steps
+    }
+  ASSERT_EQ(run("stroke_replay", "s.bag none.png --undo 2" + common).exit_code, 0);
+  const GreyPicture none = readPng(folder.path("none.png"));
+  EXPECT_EQ(std::count(none.mono8.begin(), none.mono8.end(), 255),
+            static_cast<std::ptrdiff_t>(none.mono8.size()));
+  expectRefused("stroke_replay", "s.bag o.png --undo 3" + common, "undo = 3, but there are 2 strokes");
+  expectRefused("stroke_replay", "s.bag o.png --undo -1" + common, "--undo = -1 is below 0");
+}
+
+TEST_F(Tools, ReplayOutlinesEachStroke) {
+  folder.write("p.yaml", kSmallPaper);
+  folder.write("s.yaml", kTwoStrokes);
+  ASSERT_EQ(run("stroke_writer", "s.yaml --quiet --bag s.bag").exit_code, 0);
+  ASSERT_EQ(
+      run("stroke_replay", "s.bag all.png --strokes s.png --outline s.svg --quiet --paper ./p.yaml")
+          .exit_code,
+      0);
+  const std::string svg = readWhole(folder.path("s.svg"));
+  EXPECT_EQ(svg.find("id=\"stroke_03\""), std::string::npos);
+  for (const bool left : {true, false}) {
+    const std::string name = left ? "_01" : "_02";
+    const auto begin = svg.find("id=\"stroke" + name + "\"");
+    ASSERT_NE(begin, std::string::npos);
+    const auto data = svg.find(" d=\"", begin) + 4;
+    // Area of what is within the lines, holes taken off: half the sum of cross products, in mm².
+    double area = 0.0, x0 = 0.0, y0 = 0.0, x = 0.0, y = 0.0;
+    std::string path = svg.substr(data, svg.find('"', data) - data);
+    path = std::regex_replace(path, std::regex("[MZ]"), " $& ");
+    std::replace(path.begin(), path.end(), 'L', ' ');
+    std::istringstream words(path);
+    bool starts = false;
+    for (std::string word; words >> word;) {
+      if (word == "M" || word == "Z") {
+        if (word == "Z") area += 0.5 * (x * y0 - x0 * y);
+        starts = word == "M";
+        continue;
+      }
+      double to_x = std::stod(word), to_y = 0.0;
+      ASSERT_TRUE(words >> to_y);
+      EXPECT_EQ(to_x < 30.0, left);
+      if (starts) {
+        x0 = to_x;
+        y0 = to_y;
+      } else {
+        area += 0.5 * (x * to_y - to_x * y);
+      }
+      starts = false;
+      x = to_x;
+      y = to_y;
+    }
+    const double inked = darkPixels(readPng(folder.path("s" + name + ".png")), left) / 16.0;
+    EXPECT_NEAR(std::abs(area) / inked, 1.0, 0.06) << name;
+  }
+}
+
+TEST_F(Tools, ReplayAtTwiceTheResolutionShowsTheSameStroke) {
+  // Streaks that are finer than a pixel are not the same: a broad stroke on a smooth sheet.
+  folder.write("p.yaml", "paper: {width: 0.13, height: 0.05, roughness: 0.0, unevenness: 0.0}\n");
+  folder.write("s.yaml",
+               "speed: 0.04\n"
+               "strokes:\n"
+               "  - - {x: 0.030, y: 0.025, depth: 0.000, tilt: 0.35, azimuth: 0.0}\n"
+               "    - {x: 0.036, y: 0.025, depth: 0.014, tilt: 0.35, azimuth: 0.0}\n"
+               "    - {x: 0.095, y: 0.025, depth: 0.014, tilt: 0.35, azimuth: 0.0}\n"
+               "    - {x: 0.098, y: 0.025, depth: 0.000, tilt: 0.35, azimuth: 0.0}\n");
+  ASSERT_EQ(run("stroke_writer", "s.yaml --quiet --bag s.bag").exit_code, 0);
+  for (const char* px_per_mm : {"8", "16"})
+    ASSERT_EQ(run("stroke_replay", "s.bag " + std::string(px_per_mm) +
+                                       ".png --quiet --paper ./p.yaml --px-per-mm " + px_per_mm)
+                  .exit_code,
+              0);
+  const GreyPicture coarse = readPng(folder.path("8.png")), fine = readPng(folder.path("16.png"));
+  ASSERT_EQ(fine.width_px, 2 * coarse.width_px);
+  std::vector<std::uint8_t> mean;
+  for (int row = 0; row < coarse.height_px; ++row)
+    for (int column = 0; column < coarse.width_px; ++column) {
+      int sum = 2;
+      for (const int k : {0, 1})
+        for (const int l : {0, 1})
+          sum += fine.mono8[static_cast<std::size_t>((2 * row + k) * fine.width_px + 2 * column + l)];
+      mean.push_back(static_cast<std::uint8_t>(sum / 4));
+    }
+  EXPECT_GE(intersectionOverUnion(coarse.mono8, mean), 0.97);
 }
 
 TEST_F(Tools, ReplayBringsOtherFramesToThePaper) {
@@ -293,6 +433,32 @@ int touchDowns(const std::vector<HandlePose>& poses) {
   for (std::size_t k = 1; k < poses.size(); ++k)
     count += poses[k - 1].position.z() > tip_length && poses[k].position.z() <= tip_length;
   return count;
+}
+
+TEST(Ei, KeepsAllLiquidAndPigmentToTheEnd) {
+  const PoseBag bag = readPoseBag(kSource + "/config/strokes/ei.bag", "handle_pose", "paper");
+  // Slow and hardly drying; fast and dry before the end.
+  for (const bool thirsty : {false, true}) {
+    SimulatorParameters parameters;
+    parameters.ink.concentration = 0.5;
+    if (thirsty) {
+      parameters.paper.diffusivity = 6e-7;
+      parameters.paper.evaporation = 2e-6;
+    }
+    Simulator simulator(parameters);
+    const double liquid = simulator.report().ink_in_tip, pigment = simulator.report().pigment_in_tip;
+    for (const HandlePose& pose : bag.poses) {
+      simulator.addPose(pose);
+      simulator.advance();
+    }
+    const Paper& paper = simulator.paper();
+    ASSERT_GT(paper.inkVolume(), 1e-9);
+    EXPECT_GT(paper.evaporatedVolume(), 0.0);
+    EXPECT_NEAR(simulator.report().ink_in_tip + paper.waterVolume() + paper.evaporatedVolume(), liquid,
+                1e-9 * paper.inkVolume());
+    EXPECT_NEAR(simulator.report().pigment_in_tip + paper.inkVolume(), pigment,
+                1e-9 * paper.inkVolume());
+  }
 }
 
 TEST_F(Tools, EiIsEightStrokesAndFollowsFromItsStrokeFile) {

@@ -3,26 +3,14 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 #include <stdexcept>
 #include <string>
 
 #include "calligraphy_brush/paper/unsaturated_flow.h"
-#include "flow_kernel.h"
+#include "paper_tile.h"
 
 namespace calligraphy_brush {
 namespace {
-
-// Liquid that is less than this has dried [m].
-constexpr double kDryThickness = 1e-9;
-// Drying is slow: it is done this often [s].
-constexpr double kDryingInterval = 0.25;
-// A tile in which no pixel's filling changes faster than this is still [1/s]; it is looked at again
-// every so many calls of flow().
-constexpr double kStillRate = 1e-3;
-constexpr std::uint64_t kLookInterval = 64;
-// Where steps of the flow may be longer than the calls of flow(), up to so much is done at once [s].
-constexpr double kLongestFlow = 0.064;
 
 std::uint64_t hashOf(const void* data, std::size_t size, std::uint64_t seed) {
   const auto* bytes = static_cast<const unsigned char*>(data);
@@ -35,34 +23,6 @@ float clamp01(float value) {
 }
 
 }  // namespace
-
-/// 32 × 32 pixels, row by row from below.
-struct Paper::Tile {
-  static constexpr int kSize = kTile * kTile;
-  static_assert(kTile == kFlowSide, "a tile is the kernel's square");
-
-  int column = 0, row = 0;    // of the tile
-  int columns = 0, rows = 0;  // that are on the sheet
-  bool wet = false;           // has liquid
-  bool moving = false;        // and it moves
-  bool drying = false;        // the last of it has just gone
-  std::uint64_t listed = 0;   // the tick at which it was last among moving_
-  std::array<double, kSize> water{}, pigment{}, settled{};  // pigment: what is not settled
-  std::array<float, kSize> height;
-  std::array<std::uint32_t, kSize> exposure{};  // last contact << 8 | part of its time, in 255ths
-  std::array<unsigned char, kSize> was_wet;     // scratch
-  FlowFaces faces;
-  double permeability = 0.0;  // largest mean of a pixel's four faces
-  FlowEdges edges;            // scratch
-
-  /// As when it came into being.
-  void empty() {
-    wet = moving = drying = false;
-    listed = 0;
-    for (auto* field : {&water, &pigment, &settled}) field->fill(0.0);
-    exposure.fill(0);
-  }
-};
 
 Paper::Paper(const PaperParameters& parameters)
     : parameters_((checkParameters(parameters), parameters)),
@@ -79,6 +39,7 @@ Paper::Paper(const PaperParameters& parameters)
   tile_columns_ = (width_px_ + kTile - 1) / kTile;
   tile_rows_ = (height_px_ + kTile - 1) / kTile;
   places_.assign(static_cast<std::size_t>(tile_columns_) * static_cast<std::size_t>(tile_rows_), -1);
+  paces_.resize(places_.size());
 }
 
 Paper::Paper(const Paper& other)
@@ -91,12 +52,15 @@ Paper::Paper(const Paper& other)
       tile_columns_(other.tile_columns_),
       tile_rows_(other.tile_rows_),
       places_(other.places_),
+      paces_(other.paces_),
+      tile_places_(other.tile_places_),
       wet_tiles_(other.wet_tiles_),
-      since_drying_(other.since_drying_),
-      since_flow_(other.since_flow_),
-      flow_interval_(other.flow_interval_),
+      clock_(other.clock_),
+      looked_for_drying_(other.looked_for_drying_),
       evaporated_(other.evaporated_),
       tick_(other.tick_),
+      pass_(other.pass_),
+      flow_count_(other.flow_count_),
       contact_(other.contact_),
       revision_(other.revision_) {
   for (const auto& tile : other.tiles_) tiles_.push_back(std::make_unique<Tile>(*tile));
@@ -122,6 +86,7 @@ Paper::Tile& Paper::make(int tile_column, int tile_row) {
   if (Tile* tile = find(tile_column, tile_row)) return *tile;
   const auto place = static_cast<std::size_t>(tile_row * tile_columns_ + tile_column);
   places_[place] = static_cast<std::int32_t>(tiles_.size());
+  tile_places_.push_back(place);
   if (place < cleared_.size() && cleared_[place]) {
     tiles_.push_back(std::move(cleared_[place]));
     tiles_.back()->empty();
@@ -147,21 +112,44 @@ Paper::Tile& Paper::make(int tile_column, int tile_row) {
       tile->faces.x[static_cast<std::size_t>(j * (kTile + 1) + i)] = std::sqrt(at(i - 1, j) * at(i, j));
       tile->faces.y[static_cast<std::size_t>(i * kTile + j)] = std::sqrt(at(j, i - 1) * at(j, i));
     }
-  for (std::size_t j = 0; j < kTile; ++j)
-    for (std::size_t i = 0; i < kTile; ++i) {
-      const float* x = &tile->faces.x[j * (kTile + 1) + i];
-      const double sum = double(x[0]) + double(x[1]) + double(tile->faces.y[j * kTile + i]) +
-                         double(tile->faces.y[(j + 1) * kTile + i]);
-      tile->permeability = std::max(tile->permeability, 0.25 * sum);
-    }
   tiles_.push_back(std::move(tile));
-  moving_.reserve(tiles_.capacity());
+  due_.reserve(tiles_.capacity());
+  received_.reserve(4 * tiles_.capacity());
+  wishes_.reserve(4 * Tile::kSize);  // more than a piece of a bundle covers
   return *tiles_.back();
 }
 
-void Paper::setWet(Tile& tile, bool wet) {
-  wet_tiles_ += int(wet) - int(tile.wet);
-  tile.wet = wet;
+std::size_t Paper::placeOf(const Tile& tile) const {
+  return static_cast<std::size_t>(tile.row) * static_cast<std::size_t>(tile_columns_) +
+         static_cast<std::size_t>(tile.column);
+}
+
+/// Liquid moves in the tile from now on.
+void Paper::setMoving(Tile& tile) {
+  Pace& pace = paces_[placeOf(tile)];
+  if (!pace.wet) {
+    ++wet_tiles_;
+    pace = Pace{};
+    pace.wet = true;
+    pace.dried = clock_;
+    pace.step = 0.0;
+  }
+  if (!pace.moving) pace.done = clock_;
+  pace.moving = true;
+}
+
+/// Before a tile gets ink: what it had flows up to now, at its own step.
+void Paper::catchUp(Tile& tile) {
+  const Pace& pace = paces_[placeOf(tile)];
+  if (!(pace.wet && pace.moving && pace.done < clock_)) return;
+  due_.assign(1, &tile);
+  moveOn();
+}
+
+/// After it got ink.
+void Paper::setInked(Tile& tile) {
+  setMoving(tile);
+  paces_[placeOf(tile)].step = 0.0;
 }
 
 const Paper::Tile* Paper::tileOf(int column, int row) const {
@@ -209,8 +197,8 @@ double Paper::evaporatedVolume() const {
 }
 
 int Paper::movingTileCount() const {
-  return static_cast<int>(std::count_if(tiles_.begin(), tiles_.end(),
-                                        [](const auto& tile) { return tile->wet && tile->moving; }));
+  return static_cast<int>(std::count_if(paces_.begin(), paces_.end(),
+                                        [](const Pace& pace) { return pace.wet && pace.moving; }));
 }
 
 void Paper::clear() {
@@ -218,23 +206,27 @@ void Paper::clear() {
   for (auto& tile : tiles_)
     cleared_[static_cast<std::size_t>(tile->row * tile_columns_ + tile->column)] = std::move(tile);
   std::fill(places_.begin(), places_.end(), -1);
+  std::fill(paces_.begin(), paces_.end(), Pace{});
   tiles_.clear();
+  tile_places_.clear();
   wet_tiles_ = 0;
   contact_ = 1;
-  since_drying_ = since_flow_ = flow_interval_ = evaporated_ = 0.0;
-  tick_ = 0;
+  clock_ = looked_for_drying_ = evaporated_ = 0.0;
+  tick_ = flow_count_ = 0;
   ++revision_;
 }
 
 std::uint64_t Paper::hash(std::uint64_t seed) const {
-  seed = hashOf(&since_drying_, sizeof since_drying_, seed);
-  seed = hashOf(&since_flow_, sizeof since_flow_, seed);
-  seed = hashOf(&flow_interval_, sizeof flow_interval_, seed);
-  seed = hashOf(&evaporated_, sizeof evaporated_, seed);
+  const double state[3] = {clock_, looked_for_drying_, evaporated_};
+  seed = hashOf(state, sizeof state, seed);
   seed = hashOf(&tick_, sizeof tick_, seed);
   for (const auto& tile : tiles_) {
-    const std::int32_t place[3] = {tile->column, tile->row, tile->moving};
+    const Pace& pace = paces_[placeOf(*tile)];
+    const std::int32_t place[4] = {tile->column, tile->row, pace.wet, pace.moving};
     seed = hashOf(place, sizeof place, seed);
+    const double times[6] = {pace.done,   pace.dried,      pace.step,
+                             pace.drying, tile->left.done, tile->below.done};
+    seed = hashOf(times, sizeof times, seed);
     for (const auto* field : {&tile->water, &tile->pigment, &tile->settled})
       seed = hashOf(field->data(), sizeof(double) * field->size(), seed);
   }
@@ -261,21 +253,44 @@ InkExchange Paper::exchange(const TouchingPiece& piece) {
   const int right = std::min(width_px_ - 1, pixelOf(std::max(a.x + reach_a, b.x + reach_b), width_px_));
   const int low = std::max(0, pixelOf(std::min(a.y - reach_a, b.y - reach_b), height_px_));
   const int high = std::min(height_px_ - 1, pixelOf(std::max(a.y + reach_a, b.y + reach_b), height_px_));
+  wishes_.clear();
   for (int tile_row = low / kTile; tile_row * kTile <= high; ++tile_row)
     for (int tile_column = left / kTile; tile_column * kTile <= right; ++tile_column) {
       const int column = tile_column * kTile, row = tile_row * kTile;
-      exchangeInTile(piece, make(tile_column, tile_row), std::max(left - column, 0),
-                     std::min(right - column, kTile - 1), std::max(low - row, 0),
-                     std::min(high - row, kTile - 1), sum);
+      Tile& tile = make(tile_column, tile_row);
+      catchUp(tile);
+      findWishes(piece, tile, std::max(left - column, 0), std::min(right - column, kTile - 1),
+                 std::max(low - row, 0), std::min(high - row, kTile - 1));
     }
-  if (sum.volume != 0.0 || sum.pigment != 0.0) ++revision_;
-  sum.volume *= pixel_size_ * pixel_size_;
-  sum.pigment *= pixel_size_ * pixel_size_;
+  // However much the sheet wants, no more goes than there is.
+  double wanted = 0.0, offered = 0.0;
+  for (const Wish& wish : wishes_) (wish.liquid > 0.0 ? wanted : offered) += wish.liquid;
+  const double area = pixel_size_ * pixel_size_;
+  const auto most = [area](double has, double liquid) {
+    return liquid != 0.0 ? std::min(1.0, 0.5 * has / (area * std::abs(liquid))) : 1.0;
+  };
+  const double give = most(piece.volume, wanted), take = most(piece.room, offered);
+  const Tile* inked = nullptr;
+  for (const Wish& wish : wishes_) {
+    double &water = wish.tile->water[wish.pixel], &pigment = wish.tile->pigment[wish.pixel];
+    const double liquid = (wish.liquid > 0.0 ? give : take) * wish.liquid;
+    const double carried = liquid > 0.0 ? liquid * piece.concentration : pigment * (liquid / water);
+    water += liquid;
+    pigment += carried;
+    sum.volume += liquid;
+    sum.pigment += carried;
+    if (wish.tile != inked) setInked(*wish.tile);
+    inked = wish.tile;
+  }
+  if (!wishes_.empty()) ++revision_;
+  sum.volume *= area;
+  sum.pigment *= area;
   return sum;
 }
 
-void Paper::exchangeInTile(const TouchingPiece& piece, Tile& tile, int first_column, int last_column,
-                           int first_row, int last_row, InkExchange& sum) {
+/// Adds what the pixels of a tile want of a piece to wishes_, and marks where it touched.
+void Paper::findWishes(const TouchingPiece& piece, Tile& tile, int first_column, int last_column,
+                       int first_row, int last_row) {
   // In pixels of the tile, pixel (0, 0) having its middle at 0.
   const double scale = 1.0 / pixel_size_;
   const auto toPixels = [&](double place, int tile_index) {
@@ -294,17 +309,10 @@ void Paper::exchangeInTile(const TouchingPiece& piece, Tile& tile, int first_col
   // A place that a chord of half width w sweeps by ±s is touched for w / (w + s) of the time.
   const double half = 0.5 * (half_a + half_b), side = 0.5 * (side_a + side_b);
   const double touched = half / (half + side + 1e-12);
-  const auto exposed = static_cast<std::uint32_t>(1.0 + 254.0 * touched);
+  const auto exposed = static_cast<float>(1.0 + 254.0 * touched);
   const std::uint32_t contact = contact_ & 0xFFFFFFU;
   const double soaked = 1.0 - std::exp(-piece.duration * touched / parameters_.soak_time);
   const double balance = capacity() * std::min(1.0, piece.filling) + piece.film;
-  // However much the sheet wants, no more goes than there is.
-  const double area = 2.0 * (half + side + 1.0) * (to - from + 1.0) * pixel_size_ * pixel_size_;
-  const auto most = [](double has, double wanted) {
-    return wanted > 0.0 ? std::min(1.0, 0.5 * has / wanted) : 1.0;
-  };
-  const double give = most(piece.volume, area * balance);
-  const double take = soaked * most(piece.room, area * 2.0 * capacity());
 
   const auto spread = static_cast<float>(std::max(relief_.spreadInPixel() * std::sqrt(3.0), 1e-7));
   const float steepness = 0.5F / spread;
@@ -319,7 +327,6 @@ void Paper::exchangeInTile(const TouchingPiece& piece, Tile& tile, int first_col
   const float widest = static_cast<float>(std::max(half_a + side_a, half_b + side_b)) + 0.5F;
   constexpr float kLastHair = TouchingPiece::kUnderside - 1.001F;
 
-  double volume = 0.0, pigment = 0.0;
   for (int row = first_row; row <= last_row; ++row) {
     const auto dy = static_cast<float>(row - ay);
     // Columns of this row within the strip |across| ≤ widest, from − ½ ≤ along ≤ to + ½.
@@ -340,8 +347,8 @@ void Paper::exchangeInTile(const TouchingPiece& piece, Tile& tile, int first_col
     for (int column = static_cast<int>(std::ceil(low)); column <= end; ++column) {
       const auto at = static_cast<std::size_t>(row * kTile + column);
       const std::uint32_t exposure = tile.exposure[at];
-      const std::uint32_t before = exposure >> 8 == contact ? exposure & 255U : 0U;
-      if (before + exposed / 2U >= 255U) continue;
+      const auto time_before = exposure >> 8 == contact ? static_cast<float>(exposure & 255U) : 0.0F;
+      if (time_before + 0.5F * exposed >= 255.0F) continue;
       const auto dx = static_cast<float>(column) - fax;
       const float along = dx * fex + dy * fey;
       const float across = dy * fex - dx * fey;
@@ -361,31 +368,20 @@ void Paper::exchangeInTile(const TouchingPiece& piece, Tile& tile, int first_col
       const float reached = clamp01(0.5F + (tile.height[at] - gap - comb * hairs) * steepness);
       const float touching = reached * std::min(1.0F, covered);
       if (!(touching > 0.0F)) continue;
-      if (reached > 0.5F) tile.exposure[at] = contact << 8 | std::min(255U, before + exposed);
+      if (reached > 0.5F)
+        tile.exposure[at] =
+            contact << 8 | static_cast<std::uint32_t>(std::min(255.0F, time_before + exposed));
       const auto alpha = static_cast<double>(touching);
       const double water = tile.water[at];
       const double wetted = std::max(water, alpha * piece.film);
       const double wanted = alpha * balance;
       if (wanted > wetted) {
-        const double gain = give * (wetted - water + (wanted - wetted) * soaked);
-        tile.water[at] = water + gain;
-        tile.pigment[at] += gain * piece.concentration;
-        volume += gain;
-        pigment += gain * piece.concentration;
+        wishes_.push_back({&tile, at, wetted - water + (wanted - wetted) * soaked});
       } else if (water > balance) {
-        const double part = take * alpha * (1.0 - balance / water);
-        volume -= water * part;
-        pigment -= tile.pigment[at] * part;
-        tile.water[at] -= water * part;
-        tile.pigment[at] -= tile.pigment[at] * part;
+        wishes_.push_back({&tile, at, soaked * static_cast<double>(touching) * (balance - water)});
       }
     }
   }
-  if (volume == 0.0 && pigment == 0.0) return;
-  sum.volume += volume;
-  sum.pigment += pigment;
-  setWet(tile, true);
-  tile.moving = true;
 }
 
 double Paper::addDisc(double x, double y, double radius, double thickness) {
@@ -405,11 +401,11 @@ double Paper::addDisc(double x, double y, double radius, double thickness) {
       if (!(covered > 0.0)) continue;
       Tile& tile = make(column / kTile, row / kTile);
       const auto at = static_cast<std::size_t>(row % kTile * kTile + column % kTile);
+      catchUp(tile);
       tile.water[at] += thickness * covered;
       tile.pigment[at] += thickness * covered;
       added += thickness * covered;
-      setWet(tile, true);
-      tile.moving = true;
+      setInked(tile);
     }
   if (added > 0.0) ++revision_;
   return added * pixel_size_ * pixel_size_;
@@ -422,294 +418,11 @@ void Paper::setInk(int column, int row, double water, double pigment) {
                                 ": not on the sheet or not from 0 to 1 m");
   Tile& tile = make(column / kTile, row / kTile);
   const auto at = static_cast<std::size_t>(row % kTile * kTile + column % kTile);
+  catchUp(tile);
   tile.water[at] = water;
   tile.pigment[at] = pigment;
-  setWet(tile, tile.wet || water > 0.0);
-  tile.moving = true;
+  if (paces_[placeOf(tile)].wet || water > 0.0) setInked(tile);
   ++revision_;
-}
-
-// ---------------------------------------------------------------- flow
-
-/// Lists the tiles that take part in a flow of `seconds` and returns how many equal steps it needs.
-int Paper::findMoving(double seconds) {
-  moving_.clear();
-  const bool look = tick_ % kLookInterval == 0;
-  const auto add = [this](Tile& tile) {
-    if (tile.listed == tick_) return;
-    tile.listed = tick_;
-    moving_.push_back(&tile);
-  };
-  for (const auto& tile : tiles_)
-    if (tile->wet && (tile->moving || look)) add(*tile);
-
-  // No pixel gets fuller by flow than the fullest is, so its diffusivity decides.
-  double most = 0.0, permeability = 0.0;
-  const auto fullest = [&](const Tile& tile) {
-    std::array<double, kTile> columns{};  // one by one, so that it is compiled to registers
-    for (std::size_t row = 0; row < kTile; ++row)
-      for (std::size_t i = 0; i < kTile; ++i) {
-        const double water = tile.water[row * kTile + i];
-        columns[i] = water > columns[i] ? water : columns[i];
-      }
-    most = std::max(most, *std::max_element(columns.begin(), columns.end()));
-    permeability = std::max(permeability, tile.permeability);
-  };
-  for (const Tile* tile : moving_) {
-    fullest(*tile);
-    for (const Tile* other : {find(tile->column - 1, tile->row), find(tile->column + 1, tile->row),
-                              find(tile->column, tile->row - 1), find(tile->column, tile->row + 1)})
-      if (other && other->wet && other->listed != tick_) fullest(*other);
-  }
-  const double largest =
-      full_diffusivity_ * permeability *
-      (parameters_.film_flow +
-       std::pow(std::min(1.0, most / capacity()), static_cast<double>(parameters_.flow_exponent)));
-  constexpr double kStable = 0.24;  // of Δx²/D; a quarter is the limit in two dimensions
-  const double longest = kStable * pixel_size_ * pixel_size_ / std::max(largest, 1e-30);
-  const int steps = std::max(1, static_cast<int>(std::ceil(seconds / longest)));
-  flow_interval_ = std::min(longest, kLongestFlow);
-
-  // Liquid gets on by one pixel a step, so tiles that it may reach take part.
-  const int ring = std::min(kTile, steps + 1);
-  for (std::size_t k = 0, count = moving_.size(); k < count; ++k) {
-    const Tile& tile = *moving_[k];
-    for (int side = 0; side < 4; ++side) {
-      const int column = tile.column + (side == kRight) - (side == kLeft);
-      const int row = tile.row + (side == kAbove) - (side == kBelow);
-      if (column < 0 || row < 0 || column >= tile_columns_ || row >= tile_rows_) continue;
-      Tile* other = find(column, row);
-      if (other && (other->wet || other->listed == tick_)) {
-        add(*other);
-        continue;
-      }
-      bool reached = false;
-      for (int i = 0; i < kTile && !reached; ++i)
-        for (int j = 0; j < ring && !reached; ++j) {
-          const int x = side == kLeft ? j : side == kRight ? kTile - 1 - j : i;
-          const int y = side == kBelow ? j : side == kAbove ? kTile - 1 - j : i;
-          reached = tile.water[static_cast<std::size_t>(y * kTile + x)] > 0.0;
-        }
-      if (reached) add(make(column, row));
-    }
-  }
-  return steps;
-}
-
-void Paper::flow(double seconds) {
-  if (!(seconds > 0.0)) return;
-  since_drying_ += seconds;
-  since_flow_ += seconds;
-  // What the next call can do as well is left to it.
-  if (full_diffusivity_ > 0.0 && wet_tiles_ > 0 && since_flow_ + seconds > flow_interval_) {
-    ++tick_;
-    const double interval = since_flow_;
-    const int steps = findMoving(interval);
-    const FlowCoefficients coefficients{
-        interval / steps * full_diffusivity_ * capacity() /
-            (pixel_size_ * pixel_size_ * (parameters_.flow_exponent + 1)),
-        1.0 / capacity(), parameters_.pigment_mobility, parameters_.flow_exponent,
-        parameters_.film_flow};
-    const double still = kStillRate * capacity() * interval / steps;
-    for (int step = 0; step < steps; ++step) {
-      for (Tile* tile : moving_)
-        saveEdges(coefficients, tile->water.data(), tile->pigment.data(), tile->edges);
-      for (Tile* tile : moving_) {
-        std::array<const FlowEdges*, 4> around{};
-        const std::array<const Tile*, 4> tiles{
-            find(tile->column - 1, tile->row), find(tile->column + 1, tile->row),
-            find(tile->column, tile->row - 1), find(tile->column, tile->row + 1)};
-        bool reached = tile->wet;
-        for (std::size_t side = 0; side < 4; ++side)
-          if (tiles[side] && tiles[side]->listed == tick_) {
-            around[side] = &tiles[side]->edges;
-            reached = reached || around[side]->any;
-          }
-        if (!reached) continue;
-        const double change = flowStep(coefficients, tile->faces, tile->edges, around,
-                                       tile->water.data(), tile->pigment.data());
-        tile->moving = change > still;
-        setWet(*tile, tile->wet || change > 0.0);
-      }
-    }
-    if (!moving_.empty()) ++revision_;
-    since_flow_ = 0.0;
-  }
-  if (wet_tiles_ == 0) since_flow_ = 0.0;
-  if (since_drying_ >= kDryingInterval) {
-    dry(since_drying_);
-    since_drying_ = 0.0;
-  }
-}
-
-void Paper::dry(double seconds) {
-  const double loss = parameters_.evaporation * seconds;
-  const double rim = parameters_.evaporation_rim / pixel_size_;
-  const double settled = -std::expm1(-parameters_.settling_rate * seconds);
-  constexpr int kPadded = kTile + 2;
-  std::array<unsigned char, kPadded * kPadded> wet;  // with what is around the tile
-  // All tiles are looked at before one changes, so the order of them does not matter.
-  for (const auto& tile : tiles_)
-    if (tile->wet)
-      for (std::size_t i = 0; i < Tile::kSize; ++i) tile->was_wet[i] = tile->water[i] > 0.0;
-  for (const auto& tile : tiles_) {
-    if (!tile->wet) continue;
-    wet.fill(0);
-    const auto copy = [&](const Tile* from, int column, int row, int columns, int rows, int to_column,
-                          int to_row) {
-      if (!from || !from->wet) return;
-      for (int j = 0; j < rows; ++j)
-        for (int i = 0; i < columns; ++i)
-          wet[static_cast<std::size_t>((to_row + j) * kPadded + to_column + i)] =
-              from->was_wet[static_cast<std::size_t>((row + j) * kTile + column + i)];
-    };
-    copy(tile.get(), 0, 0, kTile, kTile, 1, 1);
-    copy(find(tile->column - 1, tile->row), kTile - 1, 0, 1, kTile, 0, 1);
-    copy(find(tile->column + 1, tile->row), 0, 0, 1, kTile, kPadded - 1, 1);
-    copy(find(tile->column, tile->row - 1), 0, kTile - 1, kTile, 1, 1, 0);
-    copy(find(tile->column, tile->row + 1), 0, 0, kTile, 1, 1, kPadded - 1);
-    double evaporated = 0.0;
-    bool some = false;
-    for (int row = 0; row < kTile; ++row)
-      for (int column = 0; column < kTile; ++column) {
-        const auto at = static_cast<std::size_t>(row * kTile + column);
-        double& water = tile->water[at];
-        if (!(water > 0.0)) continue;
-        const unsigned char* here = &wet[static_cast<std::size_t>((row + 1) * kPadded + column + 1)];
-        const int dry_faces = 4 - here[-1] - here[1] - here[-kPadded] - here[kPadded];
-        double gone = loss * (1.0 + rim * dry_faces);
-        if (loss > 0.0 && water - gone < kDryThickness) gone = water;
-        evaporated += gone;
-        water -= gone;
-        const double moved = settled * tile->pigment[at];
-        tile->pigment[at] -= moved;
-        tile->settled[at] += moved;
-        some = some || water > 0.0;
-      }
-    evaporated_ += evaporated;
-    tile->drying = !some;
-  }
-  for (const auto& tile : tiles_)
-    if (tile->drying) {
-      setWet(*tile, false);
-      tile->moving = tile->drying = false;
-    }
-}
-
-// ---------------------------------------------------------------- picture
-
-namespace {
-
-/// Reflectance of ink on the sheet by Kubelka and Munk, thick enough for the backing not to show.
-class InkOptics {
- public:
-  InkOptics(const PaperParameters& p, double bare, double wavelength)
-      : bare_(static_cast<float>(bare)),
-        base_(static_cast<float>(1.0 + (1.0 - bare) * (1.0 - bare) / (2.0 * bare))),
-        absorption_(static_cast<float>(std::pow(550e-9 / wavelength, p.absorption_exponent) /
-                                       (p.dark_thickness * p.scattering))) {}
-  /// Of `ink` [m] of undiluted ink.
-  float reflectance(float ink) const {
-    const float a = base_ + absorption_ * ink;
-    return 1.0F / (a + std::sqrt(a * a - 1.0F));
-  }
-  /// Over that of the bare sheet.
-  float relative(float ink) const { return std::min(1.0F, reflectance(ink) / bare_); }
-
- private:
-  float bare_, base_, absorption_;
-};
-
-std::array<InkOptics, 3> colours(const PaperParameters& p) {
-  return {InkOptics(p, p.red, 610e-9), InkOptics(p, p.green, 550e-9), InkOptics(p, p.blue, 465e-9)};
-}
-InkOptics grey(const PaperParameters& p) {
-  return {p, p.green, 550e-9};
-}
-
-/// Linear light to the value that a screen wants, 0..1.
-float encodeSrgb(float linear) {
-  return linear <= 0.0031308F ? 12.92F * linear : 1.055F * std::pow(linear, 1.0F / 2.4F) - 0.055F;
-}
-
-template <class Value>
-Value toValue(float part) {
-  constexpr auto kMost = static_cast<float>(std::numeric_limits<Value>::max());
-  return static_cast<Value>(std::lround(kMost * clamp01(part)));
-}
-
-}  // namespace
-
-/// Calls function(index of the pixel in a picture, ink) where there may be ink.
-template <class Function>
-void Paper::forEachPixel(Function&& function) const {
-  for (const auto& tile : tiles_)
-    for (int row = 0; row < tile->rows; ++row) {
-      const std::size_t first = static_cast<std::size_t>(height_px_ - 1 - tile->row * kTile - row) *
-                                    static_cast<std::size_t>(width_px_) +
-                                static_cast<std::size_t>(tile->column * kTile);
-      for (int column = 0; column < tile->columns; ++column) {
-        const auto at = static_cast<std::size_t>(row * kTile + column);
-        const double ink = tile->pigment[at] + tile->settled[at];
-        if (ink > 0.0) function(first + static_cast<std::size_t>(column), static_cast<float>(ink));
-      }
-    }
-}
-
-void Paper::render(std::vector<std::uint8_t>& mono8) const {
-  mono8.assign(pixelCount(), 255);
-  const InkOptics optics = grey(parameters_);
-  forEachPixel(
-      [&](std::size_t pixel, float ink) { mono8[pixel] = toValue<std::uint8_t>(optics.relative(ink)); });
-}
-
-void Paper::render(std::vector<std::uint16_t>& mono16) const {
-  mono16.assign(pixelCount(), 65535);
-  const InkOptics optics = grey(parameters_);
-  forEachPixel([&](std::size_t pixel, float ink) {
-    mono16[pixel] = toValue<std::uint16_t>(optics.relative(ink));
-  });
-}
-
-void Paper::renderColour(std::vector<std::uint8_t>& rgb8) const {
-  rgb8.resize(3 * pixelCount());
-  const auto optics = colours(parameters_);
-  std::uint8_t bare[3];
-  for (std::size_t i = 0; i < 3; ++i)
-    bare[i] = toValue<std::uint8_t>(encodeSrgb(optics[i].reflectance(0.0F)));
-  for (std::size_t pixel = 0; pixel < pixelCount(); ++pixel) std::copy(bare, bare + 3, &rgb8[3 * pixel]);
-  forEachPixel([&](std::size_t pixel, float ink) {
-    for (std::size_t i = 0; i < 3; ++i)
-      rgb8[3 * pixel + i] = toValue<std::uint8_t>(encodeSrgb(optics[i].reflectance(ink)));
-  });
-}
-
-void Paper::renderTransparent(std::vector<std::uint8_t>& rgba8) const {
-  rgba8.assign(4 * pixelCount(), 0);
-  const auto optics = colours(parameters_);
-  forEachPixel([&](std::size_t pixel, float ink) {
-    float seen[3];
-    for (std::size_t i = 0; i < 3; ++i) seen[i] = encodeSrgb(optics[i].relative(ink));
-    // As opaque as the darkest channel asks for, the others shining through by their own colour.
-    const float clear = std::min({seen[0], seen[1], seen[2]});
-    const float opacity = 1.0F - clear;
-    for (std::size_t i = 0; i < 3; ++i)
-      rgba8[4 * pixel + i] =
-          opacity > 0.0F ? toValue<std::uint8_t>((seen[i] - clear) / opacity) : std::uint8_t{0};
-    rgba8[4 * pixel + 3] = toValue<std::uint8_t>(opacity);
-  });
-}
-
-void Paper::renderAdded(const Paper& before, std::vector<std::uint8_t>& mono8) const {
-  if (before.width_px_ != width_px_ || before.height_px_ != height_px_)
-    throw std::invalid_argument("sheets of different sizes cannot be compared");
-  std::vector<float> old(pixelCount(), 0.0F);
-  before.forEachPixel([&](std::size_t pixel, float ink) { old[pixel] = ink; });
-  mono8.assign(pixelCount(), 255);
-  const InkOptics optics = grey(parameters_);
-  forEachPixel([&](std::size_t pixel, float ink) {
-    mono8[pixel] = toValue<std::uint8_t>(optics.relative(std::max(0.0F, ink - old[pixel])));
-  });
 }
 
 }  // namespace calligraphy_brush

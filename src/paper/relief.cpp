@@ -157,7 +157,12 @@ void Relief::sampleHeight(int first_column, int first_row, int size, float* heig
     }
 }
 
+double Relief::mostPermeability() const {
+  return std::exp(kMostDeviations * parameters_.unevenness);
+}
+
 void Relief::samplePermeability(int first_column, int first_row, int size, float* factor) const {
+  const double most = kMostDeviations * parameters_.unevenness;
   for (int row = 0; row < size; ++row)
     for (int column = 0; column < size; ++column) {
       const double x = (first_column + column + 0.5) * pixel_size_;
@@ -167,7 +172,6 @@ void Relief::samplePermeability(int first_column, int first_row, int size, float
         if (octave.amplitude > 0.0)
           sum +=
               octave.amplitude * latticeNoise(octave.seed, x / octave.wavelength, y / octave.wavelength);
-      const double most = kMostDeviations * parameters_.unevenness;
       factor[row * size + column] = static_cast<float>(std::exp(std::clamp(sum, -most, most)));
     }
 }

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <cstdio>
 #include <deque>
+#include <functional>
 #include <iostream>
 #include <map>
 #include <stdexcept>
@@ -74,6 +75,14 @@ class Strokes {
     if (is_used_) ends_.push_back({blank, 0});
   }
 
+  /// Another sheet: what was written before is not on it.
+  void beginAnew(const Paper& blank) {
+    ends_.clear();
+    outlines_.clear();
+    count_ = 0;
+    touched_ = false;
+    if (is_used_) ends_.push_back({blank, 0});
+  }
   void look(const Simulator& simulator) {
     const bool touches = simulator.report().touching_rods > 0;
     if (is_used_ && touched_ && !touches) end(simulator);
@@ -176,7 +185,9 @@ void apply(std::uint8_t kind, Simulator& simulator) {
   }
 }
 
-void replay(const Arguments& arguments, const PoseBag& bag, const BrushSimulatorParameters& parameters) {
+/// change: puts what the command line says over recorded parameters.
+void replay(const Arguments& arguments, const PoseBag& bag, const BrushSimulatorParameters& parameters,
+            const std::function<void(BrushSimulatorParameters&)>& change) {
   std::map<std::string, std::uint64_t> refused = bag.unreachable;
   Simulator simulator(parameters.simulator);
   // A picture that cannot be written shall not cost a simulation first.
@@ -192,8 +203,20 @@ void replay(const Arguments& arguments, const PoseBag& bag, const BrushSimulator
   {
     ProgressBar progress(bag.poses.size(), arguments.quiet);
     auto event = bag.events.begin();
+    const auto applyEvent = [&] {
+      const auto later = bag.later_parameters.find(static_cast<std::size_t>(event - bag.events.begin()));
+      if (later != bag.later_parameters.end()) {
+        BrushSimulatorParameters changed;
+        changed.simulator = later->second;
+        change(changed);
+        simulator = Simulator(changed.simulator);
+        strokes.beginAnew(simulator.paper());
+      } else {
+        apply(event->kind, simulator);
+      }
+    };
     for (std::size_t k = 0; k < bag.poses.size(); ++k) {
-      for (; event != bag.events.end() && event->stamp_ns == 0; ++event) apply(event->kind, simulator);
+      for (; event != bag.events.end() && event->stamp_ns == 0; ++event) applyEvent();
       const PoseVerdict verdict = simulator.addPose(bag.poses[k]);
       if (verdict == PoseVerdict::kAccepted) {
         ++accepted;
@@ -203,10 +226,10 @@ void replay(const Arguments& arguments, const PoseBag& bag, const BrushSimulator
         ++refused[toString(verdict)];
       }
       for (; event != bag.events.end() && event->stamp_ns == bag.poses[k].stamp_ns; ++event)
-        apply(event->kind, simulator);
+        applyEvent();
       progress.show(k + 1);
     }
-    for (; event != bag.events.end() && event->stamp_ns == 0; ++event) apply(event->kind, simulator);
+    for (; event != bag.events.end() && event->stamp_ns == 0; ++event) applyEvent();
     if (event != bag.events.end())
       std::cerr << "stroke_replay: warning: " << bag.events.end() - event
                 << " events left out: the bag has no pose that they come after\n";
@@ -236,6 +259,11 @@ void replay(const Arguments& arguments, const PoseBag& bag, const BrushSimulator
   std::printf("%s: %llu poses, simulated %.3f s in %.3f s: %.1f x real time\n",
               arguments.picture.c_str(), static_cast<unsigned long long>(accepted), simulated, wall,
               wall > 0 ? simulated / wall : 0.0);
+  std::printf("percent of the simulated time:");
+  for (int stage = 0; stage < static_cast<int>(Stage::kCount); ++stage)
+    std::printf(" %s %.1f", toString(static_cast<Stage>(stage)),
+                100.0 * simulator.report().stage_seconds[static_cast<std::size_t>(stage)] / simulated);
+  std::printf("\n");
 }
 
 void run(const std::vector<std::string>& words) {
@@ -298,17 +326,20 @@ void run(const std::vector<std::string>& words) {
     if (bag.parameters_changed)
       std::cerr
           << "stroke_replay: warning: the parameters changed during the recording; the first hold\n";
-    if (!arguments.brush.empty()) loadYamlParameters(findPreset("brushes", arguments.brush), parameters);
-    if (!arguments.paper.empty()) loadYamlParameters(findPreset("papers", arguments.paper), parameters);
   } else {
     if (arguments.brush.empty()) arguments.brush = "medium";
     if (arguments.paper.empty()) arguments.paper = "plain";
     parameters = loadPresets(arguments.brush, arguments.paper);
   }
-  if (values.count("px-per-mm") > 0) parameters.simulator.paper.px_per_mm = px_per_mm;
-  if (values.count("threads") > 0) parameters.simulator.rods.threads = threads;
-  checkParameters(parameters);
-  replay(arguments, bag, parameters);
+  const auto change = [&](BrushSimulatorParameters& recorded) {
+    if (!arguments.brush.empty()) loadYamlParameters(findPreset("brushes", arguments.brush), recorded);
+    if (!arguments.paper.empty()) loadYamlParameters(findPreset("papers", arguments.paper), recorded);
+    if (values.count("px-per-mm") > 0) recorded.simulator.paper.px_per_mm = px_per_mm;
+    if (values.count("threads") > 0) recorded.simulator.rods.threads = threads;
+    checkParameters(recorded);
+  };
+  change(parameters);
+  replay(arguments, bag, parameters, change);
 }
 
 }  // namespace

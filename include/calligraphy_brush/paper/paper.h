@@ -30,6 +30,11 @@ struct TouchingPiece {
   static constexpr int kUnderside = 16;
 };
 
+// Of the kernel that moves liquid.
+enum FlowSide : int;
+struct FlowAcross;
+struct FlowLaw;
+
 /// What went from a bundle to the sheet; negative what came back.
 struct InkExchange {
   double volume = 0.0;   ///< [m³]
@@ -88,13 +93,14 @@ class Paper {
   ///   c ∂θ/∂t = ∇ · (c D₀ K θ^q ∇θ) − evaporation
   ///
   /// θ: liquid over capacity c; D₀: fullDiffusivity(); K: permeability() from place to place. Explicit
-  /// finite volumes on Φ = θ^(q+1) / (q + 1), the Kirchhoff transform, in equal parts of the time that
-  /// are short enough to be stable; where far longer ones are, several calls are done at once. Pigment
-  /// goes upwind. What flows out of a pixel flows into its neighbour, so nothing is lost. Films on
-  /// fibres that are wet add film_flow · D₀ to the diffusivity between wet pixels, so that the rim of a
-  /// blot is fed while it dries. Source: Crank, The Mathematics of Diffusion, ch. 7; Bear, Dynamics of
-  /// Fluids in Porous Media, 9.4. The rim of a wet area evaporates more (Deegan et al., Nature 389,
-  /// 1997).
+  /// finite volumes on Φ = θ^(q+1) / (q + 1), the Kirchhoff transform. Each tile goes at the longest
+  /// step that is stable for it and the four around it, up to a quarter of a second, and so does each
+  /// side between two: several calls at once, or several steps in one (local time stepping, Osher and
+  /// Sanders, Math. Comp. 41, 1983). Pigment goes upwind. What flows out of a pixel flows into its
+  /// neighbour, so nothing is lost. Films on fibres that are wet add film_flow · D₀ to the diffusivity
+  /// between wet pixels, so that the rim of a blot is fed while it dries. Source: Crank, The Mathematics
+  /// of Diffusion, ch. 7; Bear, Dynamics of Fluids in Porous Media, 9.4. The rim of a wet area
+  /// evaporates more (Deegan et al., Nature 389, 1997).
   void flow(double seconds);
 
   /// Removes all ink.
@@ -113,7 +119,8 @@ class Paper {
 
   int tileCount() const { return static_cast<int>(tiles_.size()); }  ///< tiles that have been inked
   int wetTileCount() const { return wet_tiles_; }                    ///< of them, those with liquid
-  int movingTileCount() const;                                       ///< of them, those computed now
+  int movingTileCount() const;                                       ///< of them, those that flow
+  std::uint64_t flowCount() const { return flow_count_; }            ///< steps of a tile since clear()
 
   /// Grows with every change of the picture.
   std::uint64_t revision() const { return revision_; }
@@ -138,18 +145,48 @@ class Paper {
  private:
   static constexpr int kTile = 32;  // pixels a side
   struct Tile;
+  /// What the flow asks of all tiles, by place: a tile that has nothing to do is not looked at.
+  struct Pace {
+    double done = 0.0;  // the clock up to which it has flowed, and dried [s]
+    double dried = 0.0;
+    double step = 1e9;    // longest stable one for its fullest pixel; 0: that is not known [s]
+    double drying = 0.0;  // from one drying to the next [s]
+    bool wet = false;     // has liquid
+    bool moving = false;  // and it moves
+  };
+  /// Liquid that a pixel wants of a bundle; negative what it would give back [m].
+  struct Wish {
+    Tile* tile;
+    std::size_t pixel;
+    double liquid;
+  };
+  /// What came across one side of a tile that does not flow now itself.
+  struct Received {
+    Tile* tile;
+    FlowSide side;
+    const FlowAcross* flow;
+    double seconds;
+  };
 
   Tile* find(int tile_column, int tile_row) const;
   Tile& make(int tile_column, int tile_row);
-  void setWet(Tile& tile, bool wet);
+  Tile& tileAt(std::size_t place) const { return *tiles_[static_cast<std::size_t>(places_[place])]; }
+  std::size_t placeOf(const Tile& tile) const;
   const Tile* tileOf(int column, int row) const;
   std::size_t pixelCount() const {
     return static_cast<std::size_t>(width_px_) * static_cast<std::size_t>(height_px_);
   }
-  void exchangeInTile(const TouchingPiece& piece, Tile& tile, int first_column, int last_column,
-                      int first_row, int last_row, InkExchange& sum);
-  int findMoving(double seconds);
-  void dry(double seconds);
+  void findWishes(const TouchingPiece& piece, Tile& tile, int first_column, int last_column,
+                  int first_row, int last_row);
+  FlowLaw flowLaw() const;
+  double stableStep(double fullest) const;
+  double stepAround(std::size_t place) const;
+  void setMoving(Tile& tile);
+  void catchUp(Tile& tile);
+  void setInked(Tile& tile);
+  void findDue(double round, bool may_look);
+  void moveOn();
+  void dry();
   template <class Function>
   void forEachPixel(Function&& function) const;
 
@@ -160,14 +197,18 @@ class Paper {
   double full_diffusivity_ = 0.0;
   int tile_columns_ = 0, tile_rows_ = 0;
   std::vector<std::int32_t> places_;  // index into tiles_, −1 where there is none
+  std::vector<Pace> paces_;           // by place
   std::vector<std::unique_ptr<Tile>> tiles_;
+  std::vector<std::size_t> tile_places_;        // their places
   std::vector<std::unique_ptr<Tile>> cleared_;  // by place: their relief is kept
-  std::vector<Tile*> moving_;                   // scratch
+  std::vector<Tile*> due_;                      // scratch
+  std::vector<Received> received_;              // scratch
+  std::vector<Wish> wishes_;                    // scratch
   int wet_tiles_ = 0;
-  double since_drying_ = 0.0, since_flow_ = 0.0;
-  double flow_interval_ = 0.0;  // that needs no more than one step
-  double evaporated_ = 0.0;     // [m], over one pixel
-  std::uint64_t tick_ = 0;
+  double clock_ = 0.0;              // how long there was liquid to flow [s]
+  double looked_for_drying_ = 0.0;  // on that clock
+  double evaporated_ = 0.0;         // [m], over one pixel
+  std::uint64_t tick_ = 0, pass_ = 0, flow_count_ = 0;
   std::uint32_t contact_ = 1;
   std::uint64_t revision_ = 0;
 };

@@ -20,6 +20,8 @@ class Relief {
   void sampleHeight(int column, int row, int size, float* height) const;
   /// Permeability over its median, likewise.
   void samplePermeability(int column, int row, int size, float* factor) const;
+  /// It is nowhere more.
+  double mostPermeability() const;
 
   /// Standard deviation of the height inside a pixel [m].
   double spreadInPixel() const { return spread_in_pixel_; }
