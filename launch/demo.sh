@@ -60,8 +60,10 @@ for preset in "brushes/$brush" "papers/$paper"; do
 done
 if [ -z "${DISPLAY:-}" ]; then headless=true; fi
 
-if $headless; then install_missing; else install_missing rviz libgl1-mesa-dri; fi
-build brush_simulator_node calligraphy_brush_nodelets stroke_replay stroke_writer watch_stroke
+if $headless; then install_missing; else install_missing rviz; fi
+targets=(brush_simulator_node calligraphy_brush_nodelets stroke_replay stroke_writer watch_stroke)
+if ! $headless; then targets+=(calligraphy_brush_rviz); fi
+build "${targets[@]}"
 enter "$build_dir/devel/setup.bash"
 
 # A master, ports and logs of its own: nothing else on this machine is disturbed.

@@ -13,9 +13,11 @@ packages=(
   libpng-dev libyaml-cpp-dev
   catkin ros-geometry-msgs ros-message-generation ros-robot-state-publisher ros-std-msgs ros-std-srvs
   libdiagnostic-updater-dev libgeometry-msgs-dev libimage-transport-dev libnav-msgs-dev
-  libnodeletlib-dev libnodeletlib-tools libopencv-contrib-dev librosbag-dev libroscpp-dev librostest-dev libsensor-msgs-dev
+  libnodeletlib-dev libnodeletlib-tools libopencv-contrib-dev librosbag-dev libroscpp-dev librostest-dev
+  librviz-dev libsensor-msgs-dev
   libstd-msgs-dev libstd-srvs-dev libtf2-ros-dev libvisualization-msgs-dev pluginlib-dev
   python3-rosbag python3-roslaunch python3-rostest
+  libgl1-mesa-dri xvfb  # rviz without a display, in its test
 )
 
 # Installs the packages above and those given which are not there yet.

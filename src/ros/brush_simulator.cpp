@@ -139,8 +139,10 @@ BrushSimulator::BrushSimulator(const ros::NodeHandle& node, const ros::NodeHandl
     return std::string("the tip has no ink");
   });
   offerService("reset", [this] {
+    const bool is_new = takeNewParameters();
     applyEvent(BrushEvent::RESET);
-    return std::string("clean sheet, dipped brush, no poses");
+    return std::string(is_new ? "brush and sheet as the parameters say now; " : "") +
+           "clean sheet, dipped brush, no poses";
   });
   offerService("save_image", [this] { return saveImage(); });
   offerService("state_hash", [this] { return toHexadecimal(simulator_.stateHash()); });
@@ -463,7 +465,10 @@ void BrushSimulator::applyEvent(std::uint8_t kind) {
     case BrushEvent::DIP: simulator_.dip(); break;
     case BrushEvent::WIPE: simulator_.wipe(); break;
     case BrushEvent::CLEAR_PAPER: simulator_.clearPaper(); break;
-    case BrushEvent::RESET: reset(); break;
+    case BrushEvent::RESET:
+      reset();
+      publishParameters();  // A recording tells by these which parameters hold from here on.
+      break;
     default: return;
   }
   markers_time_ns_.reset();  // the ink in the rods is shown
@@ -516,6 +521,17 @@ void BrushSimulator::offerService(const std::string& name, const std::function<s
     return true;
   };
   services_.push_back(private_node_.advertiseService(name, answer));
+}
+
+/// Makes brush and sheet anew if the parameter server has other values for them than before. Throws, and
+/// then all is as it was, if it has bad ones.
+bool BrushSimulator::takeNewParameters() {
+  const SimulatorParameters parameters = readCheckedParameters(private_node_).simulator;
+  if (toParameterValues(parameters).values == toParameterValues(parameters_.simulator).values)
+    return false;
+  simulator_ = makeSimulator(parameters, private_node_.getNamespace());
+  parameters_.simulator = parameters;
+  return true;
 }
 
 void BrushSimulator::reset() {
@@ -641,6 +657,9 @@ void BrushSimulator::publishState() {
   BrushState state;
   state.header = makeHeader();
   state.ink_left = report.ink_capacity > 0 ? report.ink_in_tip / report.ink_capacity : 0.0;
+  const TipShape tip = simulator_.tipShape();
+  state.groups = static_cast<std::uint32_t>(tip.groups);
+  state.tip_width = tip.width;
   state.touching_rods = static_cast<std::uint32_t>(report.touching_rods);
   state.touching_nodes = static_cast<std::uint32_t>(report.touching_nodes);
   state.max_penetration = report.max_penetration;

@@ -21,8 +21,13 @@ constexpr std::int64_t kNanosecondsPerSecond = 1000000000;
 // Sizes of what is only looked at [m].
 constexpr double kLineWidth = 0.0003;
 constexpr double kEdgeWidth = 0.0006;
+constexpr double kContactSize = 0.0006;
 constexpr double kFerruleLength = 0.02;
 constexpr double kShaftLength = 0.18;
+constexpr double kForceScale = 4.0;        // of the arrow [m/N]
+constexpr double kLongestForce = 0.15;     // arrows end there
+constexpr double kShortestForce = 0.0005;  // arrows begin there
+constexpr double kForceWidth = 0.003;
 
 geometry_msgs::Point toPoint(const Eigen::Vector3d& p) {
   geometry_msgs::Point point;
@@ -81,20 +86,35 @@ visualization_msgs::Marker makeRodsMarker(const Simulator& simulator, const std_
   const auto ends = 2 * static_cast<std::size_t>(rods) * static_cast<std::size_t>(nodes - 1);
   marker.points.reserve(ends);
   marker.colors.reserve(ends);
-  for (int rod = 0; rod < rods; ++rod) {
-    const double dry = 1.0 - std::clamp(simulator.rodInk(rod), 0.0, 1.0);
-    const auto color = makeColor(0.08 + 0.72 * dry, 0.07 + 0.58 * dry, 0.10 + 0.35 * dry);
-    geometry_msgs::Point previous = toPoint(simulator.nodePosition(rod, 0));
-    for (int node = 1; node < nodes; ++node) {
+  for (int rod = 0; rod < rods; ++rod)
+    for (int node = 0; node < nodes; ++node) {
       const geometry_msgs::Point point = toPoint(simulator.nodePosition(rod, node));
-      marker.points.push_back(previous);
-      marker.points.push_back(point);
-      marker.colors.push_back(color);
-      marker.colors.push_back(color);
-      previous = point;
+      const double dry = 1.0 - std::clamp(simulator.nodeInk(rod, node), 0.0, 1.0);
+      const auto color = makeColor(0.04 + 0.76 * dry, 0.04 + 0.61 * dry, 0.06 + 0.39 * dry);
+      // An inner node ends a line and begins the next.
+      for (int line = 0; line < (node == 0 || node == nodes - 1 ? 1 : 2); ++line) {
+        marker.points.push_back(point);
+        marker.colors.push_back(color);
+      }
     }
-  }
   marker.scale.x = kLineWidth;
+  return marker;
+}
+
+/// Deleted where there are none: rviz takes points without a point for a mistake.
+visualization_msgs::Marker makeContactsMarker(const Simulator& simulator,
+                                              const std_msgs::Header& header) {
+  auto marker = makeMarker(header, "contacts", visualization_msgs::Marker::POINTS);
+  if (simulator.report().touching_nodes > 0)
+    for (int rod = 0; rod < simulator.rodCount(); ++rod)
+      for (int node = 0; node < simulator.nodeCount(); ++node)
+        if (simulator.nodeTouches(rod, node))
+          marker.points.push_back(toPoint(simulator.nodePosition(rod, node)));
+  // Else the sheet hides half of each.
+  marker.pose.position.z = 0.5 * kContactSize;
+  if (marker.points.empty()) marker.action = visualization_msgs::Marker::DELETE;
+  marker.scale.x = marker.scale.y = kContactSize;
+  marker.color = makeColor(0.9, 0.15, 0.1);
   return marker;
 }
 
@@ -108,6 +128,28 @@ visualization_msgs::Marker makeShaftMarker(const HandlePose& handle, double bott
   marker.pose.orientation = toQuaternion(handle.orientation);
   marker.scale.x = marker.scale.y = diameter;
   marker.scale.z = length;
+  return marker;
+}
+
+/// Force of the sheet on the handle, from the upper end of the shaft: at the tuft the brush would hide
+/// it.
+visualization_msgs::Marker makeForceMarker(const HandlePose& handle, const Eigen::Vector3d& force_P,
+                                           const std_msgs::Header& header) {
+  auto marker = makeMarker(header, "force", visualization_msgs::Marker::ARROW);
+  const double length = std::min(kForceScale * force_P.norm(), kLongestForce);
+  if (!(length >= kShortestForce)) {
+    marker.action = visualization_msgs::Marker::DELETE;
+    return marker;
+  }
+  const Eigen::Vector3d end_H(0.0, 0.0, kFerruleLength + kShaftLength);
+  const Eigen::Vector3d end = handle.position + handle.orientation * end_H;
+  const Eigen::Vector3d way = length * force_P.normalized();
+  const bool pulls = way.dot(handle.orientation * Eigen::Vector3d::UnitZ()) >= 0.0;
+  marker.points = {toPoint(pulls ? end : end - way), toPoint(pulls ? end + way : end)};
+  marker.scale.x = kForceWidth;
+  marker.scale.y = 3.0 * kForceWidth;
+  marker.scale.z = std::min(6.0 * kForceWidth, 0.5 * length);
+  marker.color = makeColor(0.8, 0.15, 0.1);
   return marker;
 }
 
@@ -270,13 +312,14 @@ visualization_msgs::MarkerArray toMarkers(const Simulator& simulator, bool with_
   visualization_msgs::MarkerArray message;
   message.markers.push_back(makeSheetMarker(simulator.paper(), header));
   if (!with_brush) {
-    for (const char* name : {"rods", "ferrule", "shaft"}) {
+    for (const char* name : {"rods", "contacts", "ferrule", "shaft", "force"}) {
       message.markers.push_back(makeMarker(header, name, visualization_msgs::Marker::CYLINDER));
       message.markers.back().action = visualization_msgs::Marker::DELETE;
     }
     return message;
   }
   message.markers.push_back(makeRodsMarker(simulator, header));
+  message.markers.push_back(makeContactsMarker(simulator, header));
   const HandlePose handle = simulator.handlePose();
   const double diameter = 1.1 * rootDiameter(simulator.brush());
   message.markers.push_back(makeShaftMarker(handle, 0.0, kFerruleLength, diameter, "ferrule", header));
@@ -284,6 +327,7 @@ visualization_msgs::MarkerArray toMarkers(const Simulator& simulator, bool with_
   message.markers.push_back(
       makeShaftMarker(handle, kFerruleLength, kShaftLength, 0.8 * diameter, "shaft", header));
   message.markers.back().color = makeColor(0.72, 0.58, 0.36);
+  message.markers.push_back(makeForceMarker(handle, simulator.handleWrench().force_P, header));
   return message;
 }
 

@@ -2,7 +2,6 @@
 
 #include <geometry_msgs/PoseStamped.h>
 #include <rosbag/bag.h>
-#include <std_srvs/Trigger.h>
 
 #include <algorithm>
 #include <cmath>
@@ -21,7 +20,6 @@ namespace {
 
 constexpr std::int64_t kSecond_ns = 1'000'000'000;
 constexpr int kReadTimeout_ms = 100;
-constexpr double kServiceTimeout = 2.0;  // [s]
 constexpr std::uint32_t kQueue = 10000;  // every pose is part of the stroke: 50 s at 200 Hz
 
 double lowestNode(const Simulator& simulator) {
@@ -37,6 +35,15 @@ std::string describeTablet(const TabletDescription& description, const TabletDec
   text << "\"" << description.name << "\", " << std::lround(1e3 * size.width) << " x "
        << std::lround(1e3 * size.height) << " mm" << (size.is_known ? "" : " (guessed)");
   return text.str();
+}
+
+/// Says how it went.
+void callAndLog(const std::string& service) {
+  const ServiceOutcome outcome = callTrigger(service);
+  if (outcome.success)
+    ROS_INFO_STREAM("tablet: " << service << ": " << outcome.message);
+  else
+    ROS_WARN_STREAM("tablet: " << outcome.message);
 }
 
 }  // namespace
@@ -122,47 +129,6 @@ std::size_t writeTabletBag(const std::string& path, const TabletRecording& recor
   return pose_count;
 }
 
-// ---------------------------------------------------------------- services
-
-ServiceCaller::ServiceCaller() : thread_([this] { work(); }) {}
-
-ServiceCaller::~ServiceCaller() {
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    is_closing_ = true;
-  }
-  wake_.notify_all();
-  thread_.join();
-}
-
-void ServiceCaller::call(const std::string& service) {
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    waiting_.push_back(service);
-  }
-  wake_.notify_all();
-}
-
-void ServiceCaller::work() {
-  for (;;) {
-    std::string service;
-    {
-      std::unique_lock<std::mutex> lock(mutex_);
-      wake_.wait(lock, [this] { return is_closing_ || !waiting_.empty(); });
-      if (is_closing_) return;
-      service = waiting_.front();
-      waiting_.pop_front();
-    }
-    std_srvs::Trigger trigger;
-    if (!ros::service::waitForService(service, ros::Duration(kServiceTimeout)))
-      ROS_WARN_STREAM("tablet: nobody offers " << service);
-    else if (!ros::service::call(service, trigger) || !trigger.response.success)
-      ROS_WARN_STREAM("tablet: " << service << " failed: " << trigger.response.message);
-    else
-      ROS_INFO_STREAM("tablet: " << service << ": " << trigger.response.message);
-  }
-}
-
 // ---------------------------------------------------------------- driver
 
 TabletDriver::TabletDriver(ros::NodeHandle node, const TabletDriverParameters& parameters)
@@ -174,9 +140,12 @@ TabletDriver::TabletDriver(ros::NodeHandle node, const TabletDriverParameters& p
 void TabletDriver::publish(const PenActions& actions) {
   for (const HandlePose& pose : actions.poses)
     pose_publisher_.publish(toPoseStamped(pose, parameters_.ros.paper_frame));
-  if (actions.dips) services_.call(node_.resolveName("brush_simulator/dip_brush"));
-  if (actions.wipes) services_.call(node_.resolveName("brush_simulator/wipe_brush"));
-  if (actions.clears) services_.call(node_.resolveName("brush_simulator/clear_paper"));
+  const auto call = [&](const char* name) {
+    services_.post([service = node_.resolveName(name)] { callAndLog(service); });
+  };
+  if (actions.dips) call("brush_simulator/dip_brush");
+  if (actions.wipes) call("brush_simulator/wipe_brush");
+  if (actions.clears) call("brush_simulator/clear_paper");
 }
 
 void TabletDriver::publish(const TabletReport& report) {

@@ -123,7 +123,7 @@ double PenMapping::wantedLevel(const PenSample& sample, const Vector2d& place, s
   const bool is_pen = sample.tool == PenTool::kPen;
   const double since = 1e-9 * static_cast<double>(stamp_ns - touch_ns_);
   const double interval = 1e-9 * static_cast<double>(std::max(kLeastInterval_ns, stamp_ns - stamp_ns_));
-  const double swing = kSwing * (place - posture_.place).norm() / interval;
+  const double swing = has_posed_ ? kSwing * (place - posture_.place).norm() / interval : 0.0;
   swing_ += -std::expm1(-interval / (swing > swing_ ? kSwing : kSwingMemory)) * (swing - swing_);
   double& contact = contact_[is_pen ? 0 : 1];
   if (!sample.touching) {

@@ -67,18 +67,40 @@ void readEvents(const rosbag::Bag& bag, const std::string& pose_topic, PoseBag& 
   const auto topics = [&](const char* name) {
     return rosbag::TopicQuery(std::vector<std::string>{ns + name, "/" + ns + name});
   };
-  for (const rosbag::MessageInstance& instance : rosbag::View(bag, topics("brush_events")))
-    if (const auto event = instance.instantiate<BrushEvent>())
-      read.events.push_back({toNanoseconds(event->header.stamp), event->kind});
-  ParameterValues first;
-  for (const rosbag::MessageInstance& instance : rosbag::View(bag, topics("brush_parameters"))) {
-    const auto message = instance.instantiate<ParameterValues>();
-    if (!message) continue;
-    if (!read.parameters) {
-      first = *message;
-      read.parameters = toSimulatorParameters(first);
-    }
-    read.parameters_changed = read.parameters_changed || message->values != first.values;
+  rosbag::View poses(bag, rosbag::TopicQuery(pose_topic));
+  for (const rosbag::MessageInstance& instance : rosbag::View(bag, topics("brush_events"))) {
+    const auto event = instance.instantiate<BrushEvent>();
+    if (!event) continue;
+    read.events.push_back({toNanoseconds(event->header.stamp), event->kind});
+    // The newest before the recording is told as well. A reset then comes after a pose that is not here.
+    if (read.events.size() > 1 || event->kind != BrushEvent::RESET || poses.size() == 0) continue;
+    const auto first = poses.begin();  // It owns what it points to.
+    const auto first_pose = first->instantiate<geometry_msgs::PoseStamped>();
+    if (first_pose && instance.getTime() < first->getTime() &&
+        event->header.stamp != first_pose->header.stamp)
+      read.events.front().stamp_ns = 0;
+  }
+  std::vector<ParameterValues> told;
+  for (const rosbag::MessageInstance& instance : rosbag::View(bag, topics("brush_parameters")))
+    if (const auto message = instance.instantiate<ParameterValues>()) told.push_back(*message);
+  if (told.empty()) return;
+  read.parameters = toSimulatorParameters(told.front());
+  const auto is_other = [&](const ParameterValues& one, const ParameterValues& other) {
+    return one.names != other.names || one.values != other.values;
+  };
+
+  // They are told at the start and again with each reset: from the last one backwards, the n-th message
+  // belongs to the n-th reset.
+  std::vector<std::size_t> resets;
+  for (std::size_t k = 0; k < read.events.size(); ++k)
+    if (read.events[k].kind == BrushEvent::RESET) resets.push_back(k);
+  for (std::size_t back = 1; back < told.size(); ++back) {
+    const ParameterValues& now = told[told.size() - back];
+    if (!is_other(now, told[told.size() - back - 1])) continue;
+    if (back > resets.size())
+      read.parameters_changed = true;
+    else
+      read.later_parameters.emplace(resets[resets.size() - back], toSimulatorParameters(now));
   }
 }
 
@@ -111,8 +133,9 @@ PoseBag readPoseBag(const std::string& path, const std::string& topic, const std
   PoseBag read;
   try {
     const rosbag::Bag bag(path, rosbag::bagmode::Read);
-    rosbag::View view(bag, rosbag::TopicQuery(findTopic(path, bag, topic)));
-    readEvents(bag, topic, read);
+    const std::string pose_topic = findTopic(path, bag, topic);
+    rosbag::View view(bag, rosbag::TopicQuery(pose_topic));
+    readEvents(bag, pose_topic, read);
     tf2::BufferCore transforms(ros::Duration(1e9));
     readTransforms(bag, transforms);
     for (const rosbag::MessageInstance& instance : view) {

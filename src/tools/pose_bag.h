@@ -29,8 +29,10 @@ struct PoseBag {
   std::vector<HandlePose> poses;                     ///< in the paper frame
   std::map<std::string, std::uint64_t> unreachable;  ///< poses left out, by why their frame is not known
   std::vector<RecordedEvent> events;                 ///< in their order; empty if none were recorded
-  std::optional<SimulatorParameters> parameters;     ///< of the simulator that was recorded
-  bool parameters_changed = false;                   ///< on the way: `parameters` are the first
+  std::optional<SimulatorParameters> parameters;     ///< of the simulator that was recorded, at first
+  /// Those that hold from an event on, by its place in `events`: a reset that took other ones.
+  std::map<std::size_t, SimulatorParameters> later_parameters;
+  bool parameters_changed = false;  ///< otherwise than by a reset: `parameters` are the first
 };
 
 /// Reads the poses of a topic ("x" and "/x" are the same) and brings them to the paper frame with the

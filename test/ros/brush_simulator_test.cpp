@@ -56,6 +56,9 @@ TEST_F(OnRos, AStrokeLeavesInkOnImageAndMap) {
   EXPECT_GE(state_.newest->header.stamp, ros::Time(1000.799));
   EXPECT_LE(state_.newest->header.stamp, ros::Time(1000.8));
   EXPECT_LT(state_.newest->ink_left, 1.0);
+  EXPECT_EQ(state_.newest->groups, 16U) << "rods that do not feel each other";
+  EXPECT_GT(state_.newest->tip_width, 1e-4);
+  EXPECT_LT(state_.newest->tip_width, 0.01);
   EXPECT_GT(state_.newest->steps, 0U);
   EXPECT_EQ(state_.newest->touching_rods, 0U);  // it is up again
   EXPECT_LT(state_.newest->backlog, 0.01);
@@ -99,6 +102,12 @@ TEST_F(OnRos, AStrokeIsShownAndFelt) {
   ASSERT_TRUE(spinUntil([&] { return rods() != nullptr; }));
   EXPECT_EQ(rods()->points.size(), 2U * 16U * 7U);  // as in brush_simulator.test
   EXPECT_EQ(rods()->header.frame_id, "paper");
+  EXPECT_EQ(rods()->colors.size(), rods()->points.size());
+  const auto& all = markers.newest->markers;
+  const auto contacts =
+      std::find_if(all.begin(), all.end(), [](const auto& marker) { return marker.ns == "contacts"; });
+  ASSERT_NE(contacts, all.end());
+  EXPECT_EQ(contacts->points.size(), state_.newest->touching_nodes);
 
   ASSERT_TRUE(
       spinUntil([&] { return frames.newest && frames.newest->transforms.at(0).header.stamp == end; }));

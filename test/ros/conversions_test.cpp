@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <set>
@@ -189,9 +190,13 @@ TEST(Markers, ShowAllRodsAsOneListOfLines) {
   std::set<std::string> names;
   for (const auto& marker : message.markers) {
     EXPECT_EQ(marker.header, makeHeader());
+    names.insert(marker.ns);
+    if (marker.ns == "force" || marker.ns == "contacts") {  // none in the air
+      EXPECT_EQ(marker.action, visualization_msgs::Marker::DELETE);
+      continue;
+    }
     EXPECT_EQ(marker.action, visualization_msgs::Marker::ADD);
     EXPECT_GT(marker.scale.x, 0.0);
-    EXPECT_TRUE(names.insert(marker.ns).second) << marker.ns << " twice";
     if (marker.ns == "rods") {
       EXPECT_EQ(marker.type, visualization_msgs::Marker::LINE_LIST);
       ASSERT_EQ(marker.points.size(), 5U * 3U * 2U);
@@ -208,7 +213,84 @@ TEST(Markers, ShowAllRodsAsOneListOfLines) {
       EXPECT_NEAR(marker.pose.position.z - 0.5 * marker.scale.z, 0.1, 1e-12);
     }
   }
-  EXPECT_EQ(names, (std::set<std::string>{"ferrule", "paper", "rods", "shaft"}));
+  EXPECT_EQ(names, (std::set<std::string>{"contacts", "ferrule", "force", "paper", "rods", "shaft"}));
+}
+
+visualization_msgs::Marker findMarker(const Simulator& simulator, const std::string& name) {
+  for (const auto& marker : toMarkers(simulator, true, makeHeader()).markers)
+    if (marker.ns == name) return marker;
+  ADD_FAILURE() << "no marker " << name;
+  return {};
+}
+
+TEST(Markers, ColourEveryNodeByItsInk) {
+  SimulatorParameters parameters = makeSimulator().parameters();
+  parameters.ink.load = 0.5;  // fills the lower half
+  Simulator simulator(parameters);
+  const auto rods = findMarker(simulator, "rods");
+  const auto brightness = [&](std::size_t end) {
+    const auto& color = rods.colors[end];
+    return color.r + color.g + color.b;
+  };
+  const std::size_t ends = 2 * (static_cast<std::size_t>(simulator.nodeCount()) - 1);
+  for (std::size_t rod = 0; rod < 5; ++rod) {
+    EXPECT_EQ(simulator.nodeInk(static_cast<int>(rod), 0), 0.0);
+    EXPECT_EQ(simulator.nodeInk(static_cast<int>(rod), simulator.nodeCount() - 1), 1.0);
+    EXPECT_GT(brightness(rod * ends), 1.5);
+    EXPECT_LT(brightness(rod * ends + ends - 1), 0.2);
+    for (std::size_t end = 1; end + 1 < ends; end += 2)  // of both lines at a node
+      EXPECT_EQ(rods.colors[rod * ends + end], rods.colors[rod * ends + end + 1]);
+  }
+  simulator.wipe();
+  for (const auto& color : findMarker(simulator, "rods").colors) EXPECT_EQ(color, rods.colors[0]);
+}
+
+TEST(Markers, ShowTheNodesOnTheSheet) {
+  Simulator simulator = makeSimulator();
+  HandlePose pose;
+  for (int k = 0; k <= 200; ++k) {
+    pose.stamp_ns = 1000000 * k + 1;
+    pose.position = {0.01, 0.01, simulator.brush().tip_length + 0.001 - 2e-5 * k};
+    simulator.addPose(pose);
+  }
+  simulator.advance();
+  const auto contacts = findMarker(simulator, "contacts");
+  EXPECT_EQ(contacts.type, visualization_msgs::Marker::POINTS);
+  EXPECT_EQ(contacts.action, visualization_msgs::Marker::ADD);
+  ASSERT_GT(simulator.report().touching_nodes, 0);
+  EXPECT_EQ(contacts.points.size(), static_cast<std::size_t>(simulator.report().touching_nodes));
+  for (const auto& point : contacts.points) EXPECT_NEAR(point.z, 0.0, 1e-4);
+}
+
+TEST(Markers, TheForceIsAnArrowAtTheEndOfTheShaft) {
+  Simulator simulator = makeSimulator();
+  HandlePose pose;
+  pose.orientation = Eigen::AngleAxisd(0.4, Eigen::Vector3d::UnitX());
+  int pulls = 0, pushes = 0;
+  // In the air the tuft's weight pulls it down; then it is pressed.
+  for (int k = 0; k < 100; ++k) {
+    pose.stamp_ns = 1 + k * 5'000'000LL;
+    pose.position = {0.01, 0.01, 0.06 - 0.0004 * k};
+    ASSERT_EQ(simulator.addPose(pose), PoseVerdict::kAccepted);
+    simulator.advance();
+    const Eigen::Vector3d force = simulator.handleWrench().force_P;
+    const auto markers = toMarkers(simulator, true, makeHeader()).markers;
+    const auto arrow =
+        std::find_if(markers.begin(), markers.end(), [](const auto& m) { return m.ns == "force"; });
+    ASSERT_NE(arrow, markers.end());
+    if (4.0 * force.norm() < 0.0005) continue;
+    ASSERT_EQ(arrow->points.size(), 2U);
+    const auto toVector = [](const geometry_msgs::Point& p) { return Eigen::Vector3d(p.x, p.y, p.z); };
+    const Eigen::Vector3d from = toVector(arrow->points[0]), to = toVector(arrow->points[1]);
+    EXPECT_NEAR((to - from).norm(), std::min(0.15, 4.0 * force.norm()), 1e-12);
+    EXPECT_NEAR((to - from).normalized().dot(force.normalized()), 1.0, 1e-12);
+    const bool is_pull = force.dot(pose.orientation * Eigen::Vector3d::UnitZ()) >= 0.0;
+    const Eigen::Vector3d end_H = pose.orientation.conjugate() * ((is_pull ? from : to) - pose.position);
+    EXPECT_NEAR((end_H - Eigen::Vector3d(0, 0, 0.2)).norm(), 0.0, 1e-12);
+    ++(is_pull ? pulls : pushes);
+  }
+  EXPECT_GT(pulls, 0);
+  EXPECT_GT(pushes, 0);
 }
 
 TEST(Markers, WithoutAPoseOnlyTheSheetIsThere) {

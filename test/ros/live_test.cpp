@@ -1,8 +1,5 @@
 #include <ros/master.h>
 #include <ros/network.h>
-#include <signal.h>
-#include <sys/wait.h>
-#include <unistd.h>
 #include <xmlrpcpp/XmlRpcClient.h>
 #include <xmlrpcpp/XmlRpcValue.h>
 
@@ -12,6 +9,7 @@
 #include <string>
 
 #include "../temporary_folder.h"
+#include "child.h"
 #include "ros_fixture.h"
 
 // What is written live, with dips, wipes and clears, is in the bag of record.launch and gives the same
@@ -21,36 +19,6 @@ namespace calligraphy_brush {
 namespace {
 
 namespace fs = std::filesystem;
-
-/// A program of its own, asked to end like one in a terminal.
-class Child {
- public:
-  explicit Child(std::vector<std::string> words) {
-    std::vector<char*> argv;
-    for (std::string& word : words) argv.push_back(word.data());
-    argv.push_back(nullptr);
-    pid_ = fork();
-    if (pid_ == 0) {
-      setpgid(0, 0);
-      execvp(argv[0], argv.data());
-      _exit(127);
-    }
-  }
-  ~Child() { end(); }
-  Child(const Child&) = delete;
-  Child& operator=(const Child&) = delete;
-
-  void end() {
-    if (pid_ <= 0) return;
-    kill(pid_, SIGINT);
-    int status = 0;
-    waitpid(pid_, &status, 0);
-    pid_ = -1;
-  }
-
- private:
-  pid_t pid_ = -1;
-};
 
 /// Topics of the simulator that a node is connected to, as the simulator says.
 int connectionCount(const std::string& subscriber) {
@@ -135,6 +103,49 @@ TEST_F(Live, EqualsReplayWithDipsWipesClearsAndAReset) {
   // The last dip decides some bits: a replay without events must differ.
   call("dip_brush");
   EXPECT_NE(call("state_hash"), live);
+}
+
+TEST_F(Live, EqualsReplayWhenAResetTakesAnotherBrushAndSheet) {
+  Child record({"roslaunch", "calligraphy_brush", "record.launch", "bag:=" + bag()});
+  Listener<geometry_msgs::PoseStamped> accepted(node_, "accepted_pose");
+  ASSERT_TRUE(spinUntil([&] { return fs::exists(bag() + ".active") && accepted.isConnected(); }));
+  ASSERT_TRUE(spinUntil([&] { return connectionCount("/record") >= 3; }));
+  const auto write = [&](double y) {
+    const auto poses = makeStroke(1'600'000'000'123'456'789, 0.02, y, 0.045);
+    publish(poses);
+    ASSERT_TRUE(spinUntilTaken(poses.size()));
+  };
+  write(0.02);
+  const std::string first = call("state_hash");
+  ros::param::set("brush_simulator/brush/seed", 6);
+  ros::param::set("brush_simulator/paper/width", 0.1);
+  EXPECT_EQ(call("reset").rfind("brush and sheet as the parameters say now", 0), 0U);
+  write(0.03);
+  const std::string live = call("state_hash");
+
+  // Bad values are refused by name, and nothing changes.
+  ros::param::set("brush_simulator/brush/tip_length", -1.0);
+  ros::param::set("brush_simulator/paper/width", 99.0);
+  const std::string problem = call("reset", false);
+  EXPECT_NE(problem.find("/brush_simulator/brush/tip_length = -1 is outside"), std::string::npos)
+      << problem;
+  EXPECT_NE(problem.find("/brush_simulator/paper/width = 99 is outside"), std::string::npos) << problem;
+  EXPECT_EQ(call("state_hash"), live);
+  ros::param::set("brush_simulator/brush/tip_length", 0.045);
+  ros::param::set("brush_simulator/paper/width", 0.1);
+
+  record.end();
+  ASSERT_TRUE(spinUntil([&] { return fs::exists(bag()); }));
+  EXPECT_EQ(replayedHash(), live);
+  // With the values of before, the same strokes are others: the replay must have taken the new ones.
+  ros::param::set("brush_simulator/brush/seed", 5);
+  ros::param::set("brush_simulator/paper/width", 0.243);
+  call("reset");
+  write(0.03);
+  EXPECT_NE(call("state_hash"), live);
+  call("reset");
+  write(0.02);
+  EXPECT_EQ(call("state_hash"), first);
 }
 
 }  // namespace

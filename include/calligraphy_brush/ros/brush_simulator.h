@@ -90,6 +90,7 @@ class BrushSimulator {
   void compareClocks();
 
   void offerService(const std::string& name, const std::function<std::string()>& action);
+  bool takeNewParameters();
   void reset();
   std::string saveImage() const;
 

@@ -64,9 +64,11 @@ sensor_msgs::Image toImage(const Paper& paper, const std_msgs::Header& header);
 /// `picture` is mono8 as from toImage; pixel_size [m]. Rounds 256 greys to 101.
 nav_msgs::OccupancyGrid toOccupancyGrid(const sensor_msgs::Image& picture, double pixel_size);
 
-/// What to show of the brush in 3D: all rods as one LINE_LIST, coloured by the ink in them; ferrule
-/// and shaft; and the edge of the sheet. Without brush (before the first pose) only the sheet is
-/// shown and the rest is deleted. Positions in the frame of the header, which must be the paper's.
+/// What to show of the brush in 3D: all rods as one LINE_LIST, each node from hair to black by its ink;
+/// the nodes that the sheet pushes as POINTS; ferrule and shaft; the force of the tuft on the handle as
+/// an arrow at the shaft's upper end, 4 m/N and at most 15 cm, that begins there if it pulls and ends
+/// there if it pushes; and the edge of the sheet. Without brush (before the first pose) only the sheet
+/// is shown and the rest is deleted. Positions in the frame of the header, which must be the paper's.
 visualization_msgs::MarkerArray toMarkers(const Simulator& simulator, bool with_brush,
                                           const std_msgs::Header& header);
 

@@ -3,17 +3,13 @@
 #include <calligraphy_brush/TabletSample.h>
 #include <ros/ros.h>
 
-#include <condition_variable>
 #include <cstdint>
-#include <deque>
-#include <functional>
-#include <mutex>
 #include <optional>
 #include <string>
-#include <thread>
 #include <vector>
 
 #include "calligraphy_brush/common/parameters.h"
+#include "calligraphy_brush/ros/simulator_client.h"
 #include "calligraphy_brush/sim/simulator_parameters.h"
 #include "calligraphy_brush/tablet/evemu.h"
 #include "calligraphy_brush/tablet/pen_mapping.h"
@@ -103,27 +99,6 @@ class TabletReader {
 std::size_t writeTabletBag(const std::string& path, const TabletRecording& recording,
                            const TabletDriverParameters& parameters);
 
-/// Calls a service of the simulator from a thread of its own, so that no pose waits for an answer.
-class ServiceCaller {
- public:
-  ServiceCaller();
-  ~ServiceCaller();
-  ServiceCaller(const ServiceCaller&) = delete;
-  ServiceCaller& operator=(const ServiceCaller&) = delete;
-
-  /// A std_srvs/Trigger by its name, already resolved. A failure is said on the console.
-  void call(const std::string& service);
-
- private:
-  void work();
-
-  std::mutex mutex_;
-  std::condition_variable wake_;
-  std::deque<std::string> waiting_;
-  bool is_closing_ = false;
-  std::thread thread_;  // last: it uses the others
-};
-
 /// Publishes what a tablet or a recording gives.
 class TabletDriver {
  public:
@@ -147,7 +122,7 @@ class TabletDriver {
   BrushOnSheet brush_;
   ros::Publisher pose_publisher_;
   ros::Publisher sample_publisher_;
-  ServiceCaller services_;
+  TaskThread services_;  // so that no pose waits for an answer
 };
 
 }  // namespace calligraphy_brush
