@@ -37,15 +37,16 @@ const std::map<std::string, std::set<std::string>> kRooms = {
     {"tools",
      {"common", "motion", "tablet", "brush", "rods", "contact", "paper", "ink", "sim", "files",
       "writing", "score", "ros"}},
+    {"rviz", {"common", "motion", "tablet", "sim", "files", "ros"}},
 };
 
-const std::set<std::string> kRoomsWithRos = {"ros", "tools"};
+const std::set<std::string> kRoomsWithRos = {"ros", "rviz", "tools"};
 
 /// Why a line of a file in `room` may not be there; empty if it may.
 std::string findFault(const std::string& room, const std::string& line) {
   static const std::regex include(R"(^\s*#\s*include\s*([<"])([^>"]+)[>"].*)");
   static const std::regex ros_header(
-      R"((ros|rosbag|rosconsole|tf2?|tf2_\w+|\w+_msgs|\w+_srvs|nodelet|pluginlib|class_loader|image_transport|diagnostic_updater|message_filters|dynamic_reconfigure|xmlrpcpp)/.*|calligraphy_brush/[^/]+)");
+      R"((ros|rosbag|rosconsole|tf2?|tf2_\w+|\w+_msgs|\w+_srvs|nodelet|pluginlib|class_loader|image_transport|diagnostic_updater|message_filters|dynamic_reconfigure|xmlrpcpp|rviz)/.*|Q[A-Z]\w+|Ogre\w+\.h|calligraphy_brush/[^/]+)");
   static const std::regex own_header(R"(calligraphy_brush/(\w+)/.*)");
   std::smatch match;
   if (!std::regex_match(line, match, include)) return "";
@@ -97,6 +98,8 @@ TEST(Layers, NoRoomIncludesWhatTheTableForbids) {
 }
 
 TEST(Layers, TheCheckFindsForbiddenLines) {
+  EXPECT_NE(findFault("tablet", "#include <rviz/tool.h>"), "");
+  EXPECT_NE(findFault("tablet", "#include <QMouseEvent>"), "");
   EXPECT_NE(findFault("rods", "#include \"calligraphy_brush/contact/contact_parameters.h\""), "");
   EXPECT_NE(findFault("sim", "#include <ros/ros.h>"), "");
   EXPECT_NE(findFault("files", "#  include  <sensor_msgs/Image.h>  // picture"), "");

@@ -16,6 +16,7 @@
 #include "calligraphy_brush/sim/simulator.h"
 #include "calligraphy_brush/tablet/evemu.h"
 #include "shared_data.h"
+#include "tuft_width.h"
 
 // Real recordings of pens, written by the simulator. They lie outside of this package.
 
@@ -46,32 +47,6 @@ double median(std::vector<double> values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
   std::nth_element(values.begin(), middle, values.end());
   return *middle;
-}
-
-/// Width of the tuft where it lies on the sheet [m]; 0 if it does not.
-///
-/// Four standard deviations of the touching nodes across the longer axis of their spread (all of a
-/// uniform strip is 3.5), and the diameter of a bundle. A tuft that is dragged lies along its way, so
-/// this is the width of the line; one that is pressed on the spot and splays is as wide as the blot that
-/// it makes.
-double widthOnSheet(const Simulator& simulator) {
-  Vector2d sum = Vector2d::Zero();
-  std::vector<Vector2d> places;
-  for (int rod = 0; rod < simulator.rodCount(); ++rod)
-    for (int node = 0; node < simulator.nodeCount(); ++node)
-      if (simulator.nodeTouches(rod, node)) {
-        places.push_back(simulator.nodePosition(rod, node).head<2>());
-        sum += places.back();
-      }
-  if (places.empty()) return 0.0;
-  const double count = static_cast<double>(places.size());
-  Eigen::Matrix2d spread = Eigen::Matrix2d::Zero();
-  for (const Vector2d& place : places)
-    spread += (place - sum / count) * (place - sum / count).transpose() / count;
-  const double least = Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(spread).eigenvalues()[0];
-  const auto& brush = simulator.parameters().brush;
-  const double bundle = brush.root_diameter / std::sqrt(brush.rod_count);
-  return bundle + 4.0 * std::sqrt(std::max(0.0, least));
 }
 
 /// Writes samples with the default brush; each stroke on a clean sheet with a full brush.

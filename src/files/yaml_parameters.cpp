@@ -119,6 +119,17 @@ bool parseYaml(const std::string& text, std::string& value) {
   return true;
 }
 
+std::map<std::string, std::string> findPresets(const std::string& kind) {
+  std::map<std::string, std::string> presets;
+  for (const fs::path& config : configFolders()) {
+    std::error_code error;
+    for (const auto& entry : fs::directory_iterator(config / kind, error))
+      if (entry.path().extension() == ".yaml" && entry.is_regular_file(error))
+        presets.emplace(entry.path().stem().string(), entry.path().string());
+  }
+  return presets;
+}
+
 std::string findPreset(const std::string& kind, const std::string& name_or_file) {
   const bool is_file = name_or_file.find('/') != std::string::npos || endsWith(name_or_file, ".yaml") ||
                        endsWith(name_or_file, ".bag");
@@ -127,17 +138,10 @@ std::string findPreset(const std::string& kind, const std::string& name_or_file)
     return name_or_file;
   }
 
-  std::set<std::string> known;
-  for (const fs::path& config : configFolders()) {
-    std::error_code error;
-    const fs::path folder = config / kind;
-    const fs::path candidate = folder / (name_or_file + ".yaml");
-    if (fs::is_regular_file(candidate, error)) return candidate.string();
-    for (const auto& entry : fs::directory_iterator(folder, error))
-      if (entry.path().extension() == ".yaml") known.insert(entry.path().stem().string());
-  }
+  const auto known = findPresets(kind);
+  if (const auto preset = known.find(name_or_file); preset != known.end()) return preset->second;
   std::string names;
-  for (const std::string& name : known) names += (names.empty() ? "" : ", ") + name;
+  for (const auto& [name, file] : known) names += (names.empty() ? "" : ", ") + name;
   throw std::runtime_error(
       "no preset \"" + name_or_file + "\" in config/" + kind + "; known: " +
       (names.empty() ? "none (set CALLIGRAPHY_BRUSH_CONFIG to the folder config)" : names));

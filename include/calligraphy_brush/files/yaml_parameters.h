@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -65,6 +66,10 @@ void loadYamlParameters(const std::string& file, Parameters& parameters) {
   if (!problems.empty()) throw ParameterError(problems);
   parameters = std::move(loaded);
 }
+
+/// Files of all presets of a kind, by name. They are looked for where findPreset does; of a name that is
+/// in several folders the first counts. Empty if there are none.
+std::map<std::string, std::string> findPresets(const std::string& kind);
 
 /// Path of a preset. `kind` is a folder of presets: "brushes", "papers", "tablets", "strokes".
 ///
