@@ -10,14 +10,22 @@ namespace calligraphy_brush {
 namespace {
 
 constexpr double kPi = 3.14159265358979323846;
-/// Rods around a node that liquid bridges, of those that come after it: as many as lie around a rod.
-constexpr std::size_t kNearest = 6;
-/// Neighbours move by this part of the motion of clusters relative to all, which is smooth.
-constexpr double kSmoothness = 0.25;
+/// Of nodes at which the search looks there are about so many.
+constexpr int kUsualLevels = 6;
+/// Neighbours of a rod that are looked at, at a level: twice as many as can lie around it.
+constexpr std::size_t kNearest = 12;
+/// Where a third rod is so far inside the ball between two, as |c|²/(c·d), liquid does not bridge them;
+/// on its surface, where this is 1, it does not matter. In between the pair counts in part, so that what
+/// moves a little changes little.
+constexpr float kClosed = 0.7f;
+/// Time in which liquid comes between two rods, or goes [s].
+constexpr double kLiquidTime = 0.05;
+/// Ink is known to this.
+constexpr double kInkStep = 1.0 / 256.0;
 /// Gap of rods that touch, but for what the solver leaves, over the distance of their axes.
 constexpr double kTouching = 0.05;
-/// Gap below which rods may soon touch, in margins.
-constexpr double kSoon = 0.3;
+/// Gap below which rods may soon touch, in margins and over the distance of their axes.
+constexpr float kSoon = 0.5f;
 
 /// Saturated neighbours whose hulls together are a rod's perimeter: π/(π/2 − 1).
 constexpr double kMostNeighbours = 2.0 * kPi / (kPi - 2.0);
@@ -28,12 +36,6 @@ double cohesionAtAngle(double alpha, double& liquid) {
   return 4.0 * alpha - 4.0 * radius * rest;
 }
 
-template <class Real>
-Eigen::Vector3d quad(const AlignedVector<Real>& field, int node) {
-  const Real* at = field.data() + 4 * node;
-  return {double(at[0]), double(at[1]), double(at[2])};
-}
-
 /// Distance of a point to the segment from `root` to root + along.
 double distanceToSegment(const Eigen::Vector3d& x, const Eigen::Vector3d& root,
                          const Eigen::Vector3d& along) {
@@ -42,71 +44,152 @@ double distanceToSegment(const Eigen::Vector3d& x, const Eigen::Vector3d& root,
 }
 
 template <class Real>
-void makeClusters(const BrushModel& brush, BundleContact<Real>& contact) {
-  BundleClusters<Real>& clusters = contact.clusters;
-  std::vector<int> rods(static_cast<std::size_t>(contact.rod_count));
-  std::iota(rods.begin(), rods.end(), 0);
-  groupNeighbours(brush, kLanes, rods.begin(), rods.end());
-  clusters.count = (contact.rod_count + kLanes - 1) / kLanes;
-  const int n = contact.node_count;
-  rods.resize(static_cast<std::size_t>(clusters.count * kLanes), contact.rod_count);
-  for (const int rod : rods) clusters.first_node.push_back(rod * n);
-  const auto places = static_cast<std::size_t>(clusters.count * n);
-  clusters.place.resize(places * 3 * kLanes);
-  clusters.reach.resize(places * kLanes);
-  clusters.radius.resize(places * kLanes);
-  clusters.whole.resize(static_cast<std::size_t>(clusters.count));
-  clusters.nodes.resize(places);
-  clusters.edges.resize(places);
-  clusters.cones.resize(places);
+std::size_t fieldSize(const BundleContact<Real>& contact, int rows) {
+  return static_cast<std::size_t>(rows * contact.node_count * kLanes);
 }
 
-template <class Real>
-void clearPairs(BundlePairs<Real>& pairs) {
-  pairs.count = 0;
-  for (auto* index : {&pairs.a, &pairs.b}) index->clear();
-  for (auto* field : {&pairs.distance, &pairs.range, &pairs.stiffness, &pairs.reach}) field->clear();
-}
-
-template <class Real>
-void addPair(const BundleContact<Real>& contact, BundlePairs<Real>& pairs, int a, int b, double s,
-             double t) {
-  const int n = contact.node_count;
-  const auto between = [](const AlignedVector<Real>& field, int node, double part) {
-    const auto i = static_cast<std::size_t>(node);
-    return (1.0 - part) * double(field[i]) + part * double(field[i + (part > 0.0 ? 1 : 0)]);
-  };
-  const double radius_a = between(contact.radius, a, s), radius_b = between(contact.radius, b, t);
-  const auto rod_a = static_cast<std::size_t>(a / n), rod_b = static_cast<std::size_t>(b / n);
-  // Where they would be on straight rods at rest.
-  const Eigen::Vector3d rest = contact.root_H[rod_a] + (a % n + s) / (n - 1) * contact.along_H[rod_a];
-  const double apart = distanceToSegment(rest, contact.root_H[rod_b], contact.along_H[rod_b]);
-  const double distance = std::min(radius_a + radius_b, apart);
-  if (!(distance > 0.0)) return;
-  const double hold = std::min(between(contact.hold, a, s), between(contact.hold, b, t));
-  pairs.a.push_back(a);
-  pairs.b.push_back(b);
-  pairs.distance.push_back(static_cast<Real>(distance));
-  pairs.range.push_back(
-      static_cast<Real>(double(contact.bridge[rod_a]) + double(contact.bridge[rod_b])));
-  const double least = contact.modulus * double(contact.voronoi[static_cast<std::size_t>(a)]);
-  pairs.stiffness.push_back(static_cast<Real>(std::max(contact.stiffness * hold, least)));
-  pairs.reach.push_back(static_cast<Real>(b % n == n - 2 ? kReachBeyondEnd : 0.0));
-  ++pairs.count;
-}
-
-/// Up to a multiple of kLanes with pairs that do nothing.
-template <class Real>
-void fillUp(BundlePairs<Real>& pairs) {
-  while (pairs.a.size() % kLanes != 0) {
-    pairs.a.push_back(pairs.a.back());
-    pairs.b.push_back(pairs.b.back());
-    pairs.distance.push_back(pairs.distance.back());
-    pairs.range.push_back(pairs.range.back());
-    pairs.stiffness.push_back(Real(0));
-    pairs.reach.push_back(Real(0));
+/// Keeps the nearest of the hits around every rod, all of one level.
+template <class Hit>
+void takeNear(const Hit* first, const Hit* last, std::size_t rods, BundleNeighbours& near) {
+  auto& [all, begin, end] = near;
+  begin.assign(rods + 1, 0);
+  for (const Hit* hit = first; hit != last; ++hit)
+    for (const std::int32_t rod : {hit->a, hit->b}) ++begin[static_cast<std::size_t>(rod) + 1];
+  std::partial_sum(begin.begin(), begin.end(), begin.begin());
+  if (all.size() < begin.back()) all.resize(begin.back());
+  end.assign(begin.begin(), begin.end() - 1);
+  for (const Hit* hit = first; hit != last; ++hit) {
+    const auto x = static_cast<float>(hit->x), y = static_cast<float>(hit->y),
+               z = static_cast<float>(hit->z), gap = static_cast<float>(hit->gap);
+    const float square = x * x + y * y + z * z;
+    all[end[static_cast<std::size_t>(hit->a)]++] = {hit->b, x, y, z, square, gap};
+    all[end[static_cast<std::size_t>(hit->b)]++] = {hit->a, -x, -y, -z, square, gap};
   }
-  for (auto* field : {&pairs.well, &pairs.force, &pairs.gap}) field->assign(pairs.a.size(), Real(0));
+  for (std::size_t rod = 0; rod < rods; ++rod) {
+    if (end[rod] - begin[rod] <= kNearest) continue;
+    const auto at = [&](std::size_t i) { return all.data() + i; };
+    std::nth_element(at(begin[rod]), at(begin[rod] + kNearest), at(end[rod]),
+                     [](const auto& a, const auto& b) {
+                       return a.square < b.square || (a.square == b.square && a.rod < b.rod);
+                     });
+    end[rod] = begin[rod] + kNearest;
+  }
+}
+
+bool isNear(const BundleNeighbours& near, std::int32_t rod, std::int32_t other) {
+  for (std::size_t i = near.begin[static_cast<std::size_t>(rod)];
+       i < near.end[static_cast<std::size_t>(rod)]; ++i)
+    if (near.all[i].rod == other) return true;
+  return false;
+}
+
+/// How far nobody stands between a rod and its neighbour, 0..1, by |c|²/(c·d) of the one that is most
+/// between them; see kClosed.
+float openness(const BundleNeighbours& near, std::size_t rod, const BundleNeighbours::Neighbour& other) {
+  float least = 1.0f;
+  for (std::size_t i = near.begin[rod]; i < near.end[rod]; ++i) {
+    const auto& c = near.all[i];
+    const float product = c.x * other.x + c.y * other.y + c.z * other.z;
+    const float ratio = c.square / std::max(product, 1e-20f);
+    // The other itself is on the surface, too.
+    least = c.square < 0.999f * other.square && ratio < least ? ratio : least;
+  }
+  return std::max(0.0f, (least - kClosed) / (1.0f - kClosed));
+}
+
+/// The pairs of every rod a with those after it, and how many neighbours a rod has at a level,
+/// [level][rod]. Liquid comes between rods, and goes, by `change` at most.
+template <class Real>
+void findPairs(BundleContact<Real>& contact, float change, std::vector<std::vector<float>>& neighbours) {
+  const std::size_t rods = contact.batches.size() * kLanes;
+  const bool is_first = contact.search_count == 1;
+  std::swap(contact.pairs, contact.pairs_before);
+  for (auto* pairs : {&contact.pairs, &contact.pairs_before}) pairs->resize(rods);
+  for (auto& of_rod : contact.pairs) of_rod.clear();
+  neighbours.resize(contact.levels.size());
+  for (auto& count : neighbours) count.assign(rods, 0.0f);
+  BundleNeighbours& near = contact.near;
+  const auto* const hits_end = contact.hits.data() + contact.hits.size();
+  for (const auto *first = contact.hits.data(), *last = first; first != hits_end; first = last) {
+    while (last != hits_end && last->level == first->level) ++last;
+    takeNear(first, last, rods, near);
+    const auto level = static_cast<std::size_t>(first->level);
+    for (std::size_t rod = 0; rod < rods; ++rod)
+      for (std::size_t i = near.begin[rod]; i < near.end[rod]; ++i) {
+        const auto& other = near.all[i];
+        const auto a = static_cast<std::int32_t>(rod);
+        if (other.rod < a && isNear(near, other.rod, a)) continue;  // seen from the other side
+        float open = openness(near, rod, other);
+        const std::int32_t one = std::min(a, other.rod), two = std::max(a, other.rod);
+        const auto find = [&](std::vector<BundlePair>& of_rod) {
+          return std::find_if(of_rod.begin(), of_rod.end(), [&](const auto& p) { return p.b == two; });
+        };
+        if (!is_first) {
+          auto& known = contact.pairs_before[static_cast<std::size_t>(one)];
+          const auto old = find(known);
+          const float before = old == known.end() ? 0.0f : old->open[level];
+          open = std::clamp(open, before - change, before + change);
+        }
+        // What soon may touch: as near as rods move until the next time, and no second neighbours.
+        const float distance = std::sqrt(other.square) - other.gap;
+        if (!(open > 0.0f) && other.gap > kSoon * std::min(static_cast<float>(contact.margin), distance))
+          continue;
+        auto& of_rod = contact.pairs[static_cast<std::size_t>(one)];
+        auto pair = find(of_rod);
+        if (pair == of_rod.end()) pair = of_rod.insert(of_rod.end(), {two, 0, {}});
+        pair->near |= 1u << level;
+        pair->open[level] = open;
+        neighbours[level][static_cast<std::size_t>(one)] += open;
+        neighbours[level][static_cast<std::size_t>(two)] += open;
+      }
+  }
+}
+
+/// Places that all rods have in common are nodes of a rod as long as the longest, by the length along
+/// the rods.
+template <class Real>
+void findPlaces(const BrushModel& brush, BundleContact<Real>& contact) {
+  double longest = 0.0;
+  for (const RodModel& rod : brush.rods) longest = std::max(longest, rod.length);
+  const int n = contact.node_count;
+  for (BundleBatch<Real>& batch : contact.batches) {
+    CommonPlaces<Real>& places = batch.places;
+    places.place.resize(fieldSize(contact, 1));
+    places.joint.resize(kLanes);
+    std::array<double, kLanes> scale;
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      scale[lane] = double(batch.length[lane]) * (n - 1) / longest;
+      places.joint[lane] = static_cast<Real>(std::pow(scale[lane], 4.0));
+    }
+    const auto [low, high] = std::minmax_element(scale.begin(), scale.end());
+    for (int node = 0; node < n; ++node) {
+      for (std::size_t lane = 0; lane < kLanes; ++lane)
+        places.place[static_cast<std::size_t>(node * kLanes) + lane] =
+            static_cast<Real>(scale[lane] * node);
+      places.first.push_back(static_cast<int>(*low * node));
+      places.last.push_back(std::min(n - 1, static_cast<int>(*high * node) + 1));
+    }
+  }
+}
+
+/// A match in which nobody faces anybody, in memory of one that is gone if there is any.
+template <class Real>
+BundleMatch<Real> newMatch(BundleContact<Real>& contact, int a, int b) {
+  BundleMatch<Real> match;
+  if (!contact.spare.empty()) {
+    match = std::move(contact.spare.back());
+    contact.spare.pop_back();
+  }
+  match.a = a;
+  match.b = b;
+  match.to.fill(-1);
+  match.from.fill(-1);
+  match.pairs = 0;
+  match.first = contact.node_count;
+  match.last = 0;
+  match.clings.resize(fieldSize(contact, 1));
+  match.apart.resize(3 * kLanes);
+  return match;
 }
 
 }  // namespace
@@ -126,184 +209,233 @@ double cohesionEnergy(double saturation) {
 
 double pairEnergy(double gap, double distance, double stiffness, double cohesion, double range) {
   if (gap >= range) return 0.0;
-  const double ratio = gap / range, bridge = 1.0 - ratio * ratio;
-  if (gap >= 0.0) return -cohesion * bridge * bridge;
-  const double k = stiffness + 4.0 * cohesion / (range * range);
-  return -cohesion + 0.5 * k * gap * gap / (1.0 + gap / distance);
+  const double open = 1.0 - std::max(gap, 0.0) / range;
+  if (gap >= 0.0) return -cohesion * open * open;
+  return -cohesion + 2.0 * cohesion / range * gap + 0.5 * stiffness * gap * gap / (1.0 + gap / distance);
 }
 
 template <class Real>
-BundleContact<Real> makeBundleContact(const BrushModel& brush, const ContactParameters& parameters) {
+BundleContact<Real> makeBundleContact(const BrushModel& brush, const ContactParameters& parameters,
+                                      const std::vector<std::vector<int>>& batches) {
   BundleContact<Real> contact;
   contact.rod_count = static_cast<int>(brush.rods.size());
   contact.node_count = brush.rods.front().nodeCount();
-  const auto count = static_cast<std::size_t>(contact.rod_count * contact.node_count);
+  const int n = contact.node_count;
   contact.friction = parameters.bundle_friction;
   contact.stiffness = parameters.bundle_stiffness;
   contact.modulus = parameters.bundle_modulus;
   contact.cohesion_range = parameters.cohesion_range;
   contact.surface_tension = parameters.surface_tension;
+  const int stride = std::max(1, (n + kUsualLevels - 1) / kUsualLevels);
+  for (int node = n - 1; node >= std::max(1, stride / 2); node -= stride) contact.levels.push_back(node);
+  std::reverse(contact.levels.begin(), contact.levels.end());
+
   double sum_radius = 0.0;
-  for (const RodModel& rod : brush.rods) {
-    contact.root_H.push_back(rod.root_H);
-    contact.along_H.push_back(rod.length * rod.direction_H);
-    const double edge = rod.length / (contact.node_count - 1);
-    contact.bridge.push_back(static_cast<Real>(
-        contact.cohesion_range * *std::max_element(rod.node_radius.begin(), rod.node_radius.end())));
-    for (int node = 0; node < contact.node_count; ++node) {
-      const bool is_end = node == 0 || node == contact.node_count - 1;
-      contact.radius.push_back(static_cast<Real>(rod.node_radius[static_cast<std::size_t>(node)]));
-      contact.voronoi.push_back(static_cast<Real>(is_end ? 0.5 * edge : edge));
-      sum_radius += rod.node_radius[static_cast<std::size_t>(node)];
+  for (const std::vector<int>& rods : batches) {
+    BundleBatch<Real> batch;
+    batch.rod.fill(-1);
+    for (auto* field : {&batch.present, &batch.length}) field->assign(kLanes, Real(0));
+    for (auto* field : {&batch.rest, &batch.along}) field->assign(3 * kLanes, Real(0));
+    for (auto* field : {&batch.radius, &batch.hold, &batch.saturation, &batch.cling, &batch.bridge})
+      field->assign(fieldSize(contact, 1), Real(0));
+    for (auto* field : {&batch.point, &batch.way}) field->assign(fieldSize(contact, 3), Real(0));
+    batch.springs.assign(fieldSize(contact, 4), Real(0));
+    for (auto* field : {&batch.turns, &batch.anchors})
+      field->assign(static_cast<std::size_t>(n), Real(0));
+    batch.scratch.assign(fieldSize(contact, 6), Real(0));
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      const bool present = lane < rods.size();
+      const RodModel& rod = brush.rods[static_cast<std::size_t>(present ? rods[lane] : rods.back())];
+      batch.length[lane] = static_cast<Real>(rod.length / (n - 1));
+      for (std::size_t i = 0; i < 3; ++i) {
+        batch.rest[i * kLanes + lane] = static_cast<Real>(rod.root_H[static_cast<Eigen::Index>(i)]);
+        batch.along[i * kLanes + lane] =
+            static_cast<Real>(rod.length * rod.direction_H[static_cast<Eigen::Index>(i)]);
+      }
+      if (!present) continue;
+      batch.rod[lane] = rods[lane];
+      batch.present[lane] = Real(1);
+      for (std::size_t node = 0; node < static_cast<std::size_t>(n); ++node) {
+        batch.radius[node * kLanes + lane] = static_cast<Real>(rod.node_radius[node]);
+        sum_radius += rod.node_radius[node];
+      }
     }
+    contact.batches.push_back(std::move(batch));
   }
   // Long enough for few searches, short enough for few pairs that feel nothing.
-  contact.margin = 0.75 * sum_radius / static_cast<double>(count);
-  makeClusters(brush, contact);
-  contact.hold.assign(count, Real(0));
-  contact.saturation.assign(count, Real(0));
-  contact.crowd.assign(count, Real(0));
-  for (auto* quads : {&contact.point, &contact.way, &contact.gradient, &contact.move, &contact.answer})
-    quads->assign(4 * (count + static_cast<std::size_t>(contact.node_count)), Real(0));
+  contact.margin = 0.75 * sum_radius / (contact.rod_count * n);
+  findPlaces(brush, contact);
+  contact.first_tie.assign(batches.size() + 1, 0);
+  contact.incoming.resize(batches.size());
   return contact;
 }
 
 template <class Real>
-double motionSinceSearch(const BundleContact<Real>& contact) {
-  if (contact.found_at.size() != contact.point.size()) return std::numeric_limits<double>::max();
-  const BundleClusters<Real>& clusters = contact.clusters;
-  using Quad = Eigen::Array<Real, 4, 1>;
-  const int n = contact.node_count;
-  const auto moved = [&](int node) -> Quad {
-    return Eigen::Map<const Quad>(contact.point.data() + 4 * node) -
-           Eigen::Map<const Quad>(contact.found_at.data() + 4 * node);
-  };
-  Real own_square = 0, shared_square = 0;
-  for (int node = n - 1; node > 0; --node) {
-    Quad mean = Quad::Zero();
-    for (int rod = 0; rod < contact.rod_count; ++rod) mean += moved(rod * n + node);
-    mean /= static_cast<Real>(contact.rod_count);
-    for (int cluster = 0; cluster < clusters.count; ++cluster) {
-      const std::int32_t* first = clusters.first_node.data() + cluster * kLanes;
-      const int rods = std::min(kLanes, contact.rod_count - cluster * kLanes);
-      Quad own = Quad::Zero();
-      for (int lane = 0; lane < rods; ++lane) own += moved(first[lane] + node);
-      own /= static_cast<Real>(rods);
-      shared_square = std::max(shared_square, (own - mean).matrix().squaredNorm());
-      for (int lane = 0; lane < rods; ++lane)
-        own_square = std::max(own_square, (moved(first[lane] + node) - own).matrix().squaredNorm());
-    }
-  }
-  return std::max(std::sqrt(double(own_square)), kSmoothness * std::sqrt(double(shared_square)));
-}
-
-/// Of the rods around a node only the nearest are bridged by liquid, for what is further off lies behind
-/// them; and what touches or may soon touch counts in any case. Pairs come in the order of their rank,
-/// so that those next to each other in the lists belong to different nodes.
-template <class Real>
-void takeBeside(BundleContact<Real>& contact) {
-  using Hit = typename BundleClusters<Real>::Hit;
-  BundleClusters<Real>& clusters = contact.clusters;
-  const auto nodes = contact.radius.size();
-  clusters.begin.assign(nodes + 1, 0);
-  for (const Hit& hit : clusters.beside) ++clusters.begin[static_cast<std::size_t>(hit.a) + 1];
-  std::partial_sum(clusters.begin.begin(), clusters.begin.end(), clusters.begin.begin());
-  clusters.sorted.resize(clusters.beside.size());
-  clusters.next.assign(clusters.begin.begin(), clusters.begin.end() - 1);
-  for (const Hit& hit : clusters.beside)
-    clusters.sorted[static_cast<std::size_t>(clusters.next[static_cast<std::size_t>(hit.a)]++)] = hit;
-  std::size_t most = 0;
-  for (std::size_t node = 0; node < nodes; ++node) {
-    const auto first = clusters.sorted.begin() + clusters.begin[node];
-    auto last = clusters.sorted.begin() + clusters.begin[node + 1];
-    std::sort(first, last, [](const Hit& a, const Hit& b) {
-      return a.squared < b.squared || (a.squared == b.squared && a.b < b.b);
-    });
-    if (last - first > static_cast<std::ptrdiff_t>(kNearest))
-      last = std::remove_if(first + static_cast<std::ptrdiff_t>(kNearest), last, [&](const Hit& hit) {
-        const double near = double(contact.radius[node]) +
-                            double(contact.radius[static_cast<std::size_t>(hit.b)]) +
-                            kSoon * contact.margin;
-        return double(hit.squared) > near * near;
-      });
-    clusters.next[node] = static_cast<int>(last - first);
-    most = std::max(most, static_cast<std::size_t>(last - first));
-  }
-  for (std::size_t rank = 0; rank < most; ++rank)
-    for (std::size_t node = 0; node < nodes; ++node)
-      if (static_cast<int>(rank) < clusters.next[node]) {
-        const Hit& hit = clusters.sorted[static_cast<std::size_t>(clusters.begin[node]) + rank];
-        addPair(contact, contact.beside, hit.a, hit.b, 0.0, double(hit.t));
+bool takeInk(BundleContact<Real>& contact, const std::vector<double>& saturation) {
+  bool changed = false;
+  const auto n = static_cast<std::size_t>(contact.node_count);
+  for (BundleBatch<Real>& batch : contact.batches)
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      if (batch.rod[lane] < 0) continue;
+      const double widest = double(batch.radius[lane]);
+      for (std::size_t node = 0; node < n; ++node) {
+        const std::size_t at = node * kLanes + lane;
+        const double exact =
+            std::clamp(saturation[static_cast<std::size_t>(batch.rod[lane]) * n + node], 0.0, 1.0);
+        // In whole steps, so that it does not matter how it came; a trace is a trace.
+        const double ink = exact < 0.5 * kInkStep ? exact : kInkStep * std::round(exact / kInkStep);
+        if (batch.saturation[at] == static_cast<Real>(ink)) continue;
+        changed = true;
+        batch.saturation[at] = static_cast<Real>(ink);
+        batch.cling[at] =
+            static_cast<Real>(contact.surface_tension * cohesionEnergy(ink) * double(batch.radius[at]));
+        batch.bridge[at] = static_cast<Real>(contact.cohesion_range * widest * std::sqrt(ink));
       }
+    }
+  return changed;
 }
 
 template <class Real>
-void takePairs(BundleContact<Real>& contact) {
+void forgetPairs(BundleContact<Real>& contact) {
+  for (BundleMatch<Real>& match : contact.matches) contact.spare.push_back(std::move(match));
+  for (BundleTie<Real>& tie : contact.ties) contact.spare_ties.push_back(std::move(tie));
+  contact.matches.clear();
+  contact.ties.clear();
+  contact.crossings.clear();
+  contact.search_count = 0;
+  contact.first_tie.assign(contact.batches.size() + 1, 0);
+  for (auto& incoming : contact.incoming) incoming.clear();
+}
+
+template <class Real>
+void takeHits(BundleContact<Real>& contact, double elapsed) {
   ++contact.search_count;
-  contact.found_at = contact.point;
-  clearPairs(contact.beside);
-  clearPairs(contact.crossing);
-  takeBeside(contact);
-  for (const auto& hit : contact.clusters.crossing)
-    addPair(contact, contact.crossing, hit.a, hit.b, 0.5, 0.5);
-
-  for (auto* pairs : {&contact.beside, &contact.crossing})
-    if (pairs->count > 0) fillUp(*pairs);
-
-  // How many neighbours share what a rod can wet.
-  contact.crowd.assign(contact.radius.size(), Real(0));
-  for (int i = 0; i < contact.beside.count; ++i) {
-    const auto at = static_cast<std::size_t>(i);
-    const int a = contact.beside.a[at], b = contact.beside.b[at];
-    const double gap = distanceToSegment(quad(contact.point, a), quad(contact.point, b),
-                                         quad(contact.point, b + 1) - quad(contact.point, b)) -
-                       double(contact.beside.distance[at]);
-    if (gap > 0.5 * double(contact.beside.range[at])) continue;
-    contact.crowd[static_cast<std::size_t>(a)] += Real(1);
-    for (const int node : {b, b + 1}) contact.crowd[static_cast<std::size_t>(node)] += Real(0.5);
-  }
-  updateCohesion(contact);
-}
-
-template <class Real>
-void updateCohesion(BundleContact<Real>& contact) {
-  // The law in a table over the fourth root of the ink, in which it is smooth.
-  constexpr int kSteps = 64;
-  static const std::array<Real, kSteps + 1> table = [] {
-    std::array<Real, kSteps + 1> values{};
-    for (int i = 0; i <= kSteps; ++i)
-      values[static_cast<std::size_t>(i)] =
-          static_cast<Real>(cohesionEnergy(std::pow(double(i) / kSteps, 4.0)));
-    return values;
-  }();
-  const auto mean = [](const AlignedVector<Real>& field, std::int32_t a, std::int32_t b) {
-    const auto i = static_cast<std::size_t>(a), j = static_cast<std::size_t>(b);
-    return Real(0.5) * field[i] + Real(0.25) * (field[j] + field[j + 1]);
+  const auto& neighbours = contact.neighbours;
+  findPairs(contact, static_cast<float>(elapsed / kLiquidTime), contact.neighbours);
+  // Neighbours push each other off by their nodes: at the crowded point of a wet tip, where they lie
+  // across each other at every angle, their edges would only shake them.
+  const auto are_neighbours = [&](const BundleCrossing& crossing) {
+    const auto& of_rod = contact.pairs[static_cast<std::size_t>(std::min(crossing.a, crossing.b))];
+    const std::int32_t other = std::max(crossing.a, crossing.b);
+    return std::any_of(of_rod.begin(), of_rod.end(), [&](const auto& pair) { return pair.b == other; });
   };
-  BundlePairs<Real>& pairs = contact.beside;
-  for (int i = 0; i < pairs.count; ++i) {
-    const auto at = static_cast<std::size_t>(i);
-    const std::int32_t a = pairs.a[at], b = pairs.b[at];
-    const Real ink = std::min(std::max(mean(contact.saturation, a, b), Real(0)), Real(1));
-    const Real place = std::sqrt(std::sqrt(ink)) * Real(kSteps);
-    const int step = std::min(static_cast<int>(place), kSteps - 1);
-    const Real part = place - static_cast<Real>(step);
-    const Real law = (Real(1) - part) * table[static_cast<std::size_t>(step)] +
-                     part * table[static_cast<std::size_t>(step) + 1];
-    const auto share = [&](std::int32_t node) {
-      return std::min(
-          Real(1), static_cast<Real>(kMostNeighbours) / contact.crowd[static_cast<std::size_t>(node)]);
-    };
-    const Real energy = static_cast<Real>(contact.surface_tension) * law * mean(contact.radius, a, b) *
-                        contact.voronoi[static_cast<std::size_t>(a)] *
-                        std::min(share(a), std::min(share(b), share(b + 1)));
-    const Real range = pairs.range[at];
-    pairs.well[at] = range > Real(0) ? Real(4) * energy / (range * range) : Real(0);
+  contact.crossings.erase(
+      std::remove_if(contact.crossings.begin(), contact.crossings.end(), are_neighbours),
+      contact.crossings.end());
+  for (BundleMatch<Real>& match : contact.matches) contact.spare.push_back(std::move(match));
+  for (BundleTie<Real>& tie : contact.ties) contact.spare_ties.push_back(std::move(tie));
+  contact.matches.clear();
+  contact.ties.clear();
+  const int n = contact.node_count, top = static_cast<int>(contact.levels.size()) - 1;
+  const int batches = static_cast<int>(contact.batches.size());
+
+  // Pairs by the first level at which they are near, those that are near from far up first: so those
+  // that are only at the tip share short matches.
+  auto& by_level = contact.by_level;
+  by_level.resize(static_cast<std::size_t>(top + 1));
+  auto& free = contact.free;
+  for (int a = 0; a < batches; ++a) {
+    const std::size_t begin = contact.matches.size();
+    for (auto& list : by_level) list.clear();
+    for (int lane = 0; lane < kLanes; ++lane) {
+      const auto& of_rod = contact.pairs[static_cast<std::size_t>(a * kLanes + lane)];
+      for (std::size_t i = 0; i < of_rod.size(); ++i)
+        by_level[static_cast<std::size_t>(__builtin_ctz(of_rod[i].near))].push_back(
+            {lane, static_cast<std::int32_t>(i)});
+    }
+    free.clear();
+    for (const auto& list : by_level)
+      for (const auto& [lane, place] : list) {
+        const BundlePair& pair =
+            contact.pairs[static_cast<std::size_t>(a * kLanes + lane)][static_cast<std::size_t>(place)];
+        const int b = pair.b / kLanes;
+        std::int32_t one = lane, two = pair.b % kLanes;
+        // So that within a batch all have about as many on either side.
+        if (a == b && (one + two) % 2 != 0) std::swap(one, two);
+        // The first match of the two batches in which both are free.
+        std::size_t at_match = 0;
+        while (at_match < free.size() &&
+               !(free[at_match].b == b && (free[at_match].to >> one & 1u) != 0 &&
+                 (free[at_match].from >> two & 1u) != 0))
+          ++at_match;
+        if (at_match == free.size()) {
+          free.push_back({b, ~0u, ~0u});
+          contact.matches.push_back(newMatch(contact, a, b));
+        }
+        free[at_match].to &= ~(1u << one);
+        free[at_match].from &= ~(1u << two);
+        BundleMatch<Real>* const match = &contact.matches[begin + at_match];
+        match->to[static_cast<std::size_t>(one)] = two;
+        match->from[static_cast<std::size_t>(two)] = one;
+        match->pairs |= 1u << one;
+        const auto at = [&](int level) { return contact.levels[static_cast<std::size_t>(level)]; };
+        const auto share = [&](int level) {
+          const auto& count = neighbours[static_cast<std::size_t>(level)];
+          const float most = std::max(count[static_cast<std::size_t>(a * kLanes + one)],
+                                      count[static_cast<std::size_t>(b * kLanes + two)]);
+          return pair.open[static_cast<std::size_t>(level)] *
+                 std::min(1.0f, static_cast<float>(kMostNeighbours) / std::max(most, 1.0f));
+        };
+        for (int level = 0; level <= top; ++level) {
+          if (!(pair.near >> level & 1u)) continue;
+          match->first = std::min(match->first, level == 0 ? 1 : at(level - 1) + 1);
+          match->last = std::max(match->last, level == top ? n : at(level + 1));
+        }
+        // In between levels by both.
+        for (int node = 1, level = 0; node < n; ++node) {
+          while (level < top && node > at(level)) ++level;
+          float part = share(level);
+          if (level > 0 && node < at(level)) {
+            const float t =
+                static_cast<float>(node - at(level - 1)) / static_cast<float>(at(level) - at(level - 1));
+            part = t * part + (1.0f - t) * share(level - 1);
+          }
+          match->clings[static_cast<std::size_t>(node * kLanes + one)] = part;
+        }
+      }
+    std::stable_sort(contact.matches.begin() + static_cast<std::ptrdiff_t>(begin), contact.matches.end(),
+                     [](const auto& x, const auto& y) { return x.b < y.b; });
   }
+
+  for (auto& incoming : contact.incoming) incoming.clear();
+  contact.first_tie.assign(1, 0);
+  for (std::size_t i = 0; i < contact.matches.size(); ++i) {
+    BundleMatch<Real>& match = contact.matches[i];
+    // Lanes that face nobody are faced by those that nobody faces.
+    std::int32_t other = 0;
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      if (match.to[lane] >= 0) continue;
+      while (match.from[static_cast<std::size_t>(other)] >= 0) ++other;
+      match.to[lane] = other;
+      match.from[static_cast<std::size_t>(other)] = static_cast<std::int32_t>(lane);
+    }
+    if (contact.ties.empty() || contact.ties.back().a != match.a || contact.ties.back().b != match.b) {
+      BundleTie<Real> tie;
+      if (!contact.spare_ties.empty()) {
+        tie = std::move(contact.spare_ties.back());
+        contact.spare_ties.pop_back();
+      }
+      tie.a = match.a;
+      tie.b = match.b;
+      tie.first_match = static_cast<int>(i);
+      tie.answer.resize(fieldSize(contact, 4));
+      tie.stiffness.resize(static_cast<std::size_t>(n));
+      tie.turns.resize(static_cast<std::size_t>(n));
+      const auto at = static_cast<int>(contact.ties.size());
+      while (static_cast<int>(contact.first_tie.size()) <= match.a) contact.first_tie.push_back(at);
+      if (match.a != match.b) contact.incoming[static_cast<std::size_t>(match.b)].push_back(at);
+      contact.ties.push_back(std::move(tie));
+    }
+    contact.ties.back().last_match = static_cast<int>(i) + 1;
+  }
+  while (static_cast<int>(contact.first_tie.size()) <= batches)
+    contact.first_tie.push_back(static_cast<int>(contact.ties.size()));
 }
 
 template <class Real>
-int findGroups(const BundleContact<Real>& contact, int first_node, std::vector<int>& group_of_rod) {
+int findGroups(const BundleContact<Real>& contact, int first_node,
+               const std::function<Eigen::Vector3d(int rod, int node)>& position,
+               std::vector<int>& group_of_rod) {
   std::vector<int> parent(static_cast<std::size_t>(contact.rod_count));
   std::iota(parent.begin(), parent.end(), 0);
   const auto find = [&](int rod) {
@@ -315,16 +447,35 @@ int findGroups(const BundleContact<Real>& contact, int first_node, std::vector<i
     return rod;
   };
   const int n = contact.node_count;
-  for (const auto* pairs : {&contact.beside, &contact.crossing})
-    for (int i = 0; i < pairs->count; ++i) {
-      const auto at = static_cast<std::size_t>(i);
-      if (pairs->a[at] % n < first_node) continue;
-      // What is dry hangs together where it touches.
-      const Real near = pairs->well[at] > Real(0) ? Real(0.5) * pairs->range[at]
-                                                  : static_cast<Real>(kTouching) * pairs->distance[at];
-      if (!(pairs->gap[at] < near)) continue;
-      const int a = find(pairs->a[at] / n), b = find(pairs->b[at] / n);
-      if (a != b) parent[static_cast<std::size_t>(std::max(a, b))] = std::min(a, b);
+  for (const BundleMatch<Real>& match : contact.matches)
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      if (!(match.pairs >> lane & 1u)) continue;
+      const int rod_a = contact.batches[static_cast<std::size_t>(match.a)].rod[lane];
+      const int rod_b = contact.batches[static_cast<std::size_t>(match.b)]
+                            .rod[static_cast<std::size_t>(match.to[lane])];
+      for (int node = std::max(first_node, match.first); node < match.last; ++node) {
+        const auto row = static_cast<std::size_t>(node * kLanes);
+        const auto other = static_cast<std::size_t>(match.to[lane]);
+        const BundleBatch<Real>&ours = contact.batches[static_cast<std::size_t>(match.a)],
+              &others = contact.batches[static_cast<std::size_t>(match.b)];
+        const double part = static_cast<double>(node) / (n - 1);
+        const double at_rest =
+            double(match.apart[lane]) +
+            part * (double(match.apart[kLanes + lane]) + part * double(match.apart[2 * kLanes + lane]));
+        const double distance = std::min(double(ours.radius[row + lane] + others.radius[row + other]),
+                                         std::sqrt(std::max(at_rest, 0.0)));
+        const Eigen::Vector3d x = position(rod_a, node), y = position(rod_b, node);
+        double between = std::numeric_limits<double>::max();
+        for (const int next : {node - 1, node + 1})
+          if (next < n) between = std::min(between, distanceToSegment(x, y, position(rod_b, next) - y));
+        // What is dry hangs together where it touches.
+        const double range = double(ours.bridge[row + lane] + others.bridge[row + other]);
+        const double near = range > 0.0 ? 0.5 * range : kTouching * distance;
+        if (!(between - distance < near)) continue;
+        const int a = find(rod_a), b = find(rod_b);
+        if (a != b) parent[static_cast<std::size_t>(std::max(a, b))] = std::min(a, b);
+        break;
+      }
     }
   group_of_rod.assign(parent.size(), -1);
   int groups = 0;
@@ -336,12 +487,14 @@ int findGroups(const BundleContact<Real>& contact, int first_node, std::vector<i
   return groups;
 }
 
-#define CALLIGRAPHY_INSTANTIATE(Real)                                                          \
-  template BundleContact<Real> makeBundleContact(const BrushModel&, const ContactParameters&); \
-  template double motionSinceSearch(const BundleContact<Real>&);                               \
-  template void takePairs(BundleContact<Real>&);                                               \
-  template void updateCohesion(BundleContact<Real>&);                                          \
-  template int findGroups(const BundleContact<Real>&, int, std::vector<int>&);
+#define CALLIGRAPHY_INSTANTIATE(Real)                                                         \
+  template BundleContact<Real> makeBundleContact(const BrushModel&, const ContactParameters&, \
+                                                 const std::vector<std::vector<int>>&);       \
+  template bool takeInk(BundleContact<Real>&, const std::vector<double>&);                    \
+  template void forgetPairs(BundleContact<Real>&);                                            \
+  template void takeHits(BundleContact<Real>&, double);                                       \
+  template int findGroups(const BundleContact<Real>&, int,                                    \
+                          const std::function<Eigen::Vector3d(int, int)>&, std::vector<int>&);
 CALLIGRAPHY_INSTANTIATE(float)
 CALLIGRAPHY_INSTANTIATE(double)
 #undef CALLIGRAPHY_INSTANTIATE

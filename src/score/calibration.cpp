@@ -113,7 +113,7 @@ std::vector<FittedParameter> defaultFittedParameters() {
           {"brush/cone", 0.0, 0.6},
           {"brush/convergence", 0.0, 0.8},
           {"brush/hair_taper", 0.1, 1.0},
-          {"brush/point", 0.0, 0.8},
+          {"contact/surface_tension", 0.005, 0.08},
           {"contact/paper_friction", 0.05, 1.0},
           {"ink/coat", 0.0, 0.001}};
 }

@@ -19,12 +19,19 @@ namespace {
 
 /// Relative speed of touching rods at which friction is fully there [m/s].
 constexpr double kSlipSpeed = 1e-3;
-/// Time for which a list of pairs serves at least [s], unless rods have moved so many margins: one that
-/// comes up from where it was not listed is noticed when it overlaps, and pushed off.
-constexpr double kSearchInterval = 8e-3;
-constexpr double kFarInMargins = 2.5;
-/// Smallest part of a common Newton step that is tried.
-constexpr double kLeastPart = 0.125;
+/// A list of pairs serves until neighbours have moved by so many margins relative to each other, and at
+/// most for so long [s]. One that comes up from where it was not listed is noticed when it overlaps, and
+/// pushed off. Rods that cross come from further off: these are looked for when rods anywhere have moved
+/// by so many margins relative to each other, and at least every other time. Where next to nothing moves
+/// nobody looks, and rods come to rest.
+constexpr double kLeastMargins = 0.02, kSearchMargins = 2.0, kApartMargins = 3.0, kLongestSearch = 16e-3;
+/// Time for which a rod is believed to go on with what it does by itself [s]. Beliefs are held to with
+/// the stiffness of all that touches, which is far more than inertia: what goes on for long goes on
+/// without loss, and small shocks of pairs that come and go add up. The shorter, the more rods drag each
+/// other.
+constexpr double kRelativeTime = 1e-3, kLeastRelative = 0.3;
+/// How far a common motion is trusted in a step, in margins.
+constexpr double kTrustInMargins = 2.0;
 
 /// What wet hair remembers goes on about so often [s], and at least once in so many steps.
 constexpr double kMemoryInterval = 8e-3;
@@ -36,16 +43,18 @@ constexpr double kMemorySteps = 16;
 /// those before it are displacements and velocities, whichever scheme they are from.
 struct StageOfStep {
   double end;
+  double part;   ///< of the step that it takes
+  double ratio;  ///< its length over that of the stage before it
   StepCoefficients coefficients, calm;
 };
 
 std::vector<StageOfStep> makeStages(const std::string& scheme, const RodParameters& rods) {
   const double h = rods.time_step, c = rods.damping, g = kSdirk2Gamma;
-  if (scheme == "bdf2") return {{1.0, bdf2(h, c), calmStep(h, c)}};
+  if (scheme == "bdf2") return {{1.0, 1.0, 1.0, bdf2(h, c), calmStep(h, c)}};
   if (scheme == "sdirk2")
-    return {{g, backwardEuler(g * h, c), backwardEuler(g * h, c)},
-            {1.0, sdirk2SecondStage(h, c), backwardEuler((1 - g) * h, c)}};
-  return {{1.0, backwardEuler(h, c), backwardEuler(h, c)}};
+    return {{g, g, g / (1 - g), backwardEuler(g * h, c), backwardEuler(g * h, c)},
+            {1.0, 1 - g, (1 - g) / g, sdirk2SecondStage(h, c), backwardEuler((1 - g) * h, c)}};
+  return {{1.0, 1.0, 1.0, backwardEuler(h, c), backwardEuler(h, c)}};
 }
 
 template <class Real>
@@ -64,11 +73,12 @@ class TuftOf : public Tuft {
         stages_(makeStages(rods.scheme, rods)),
         first_stages_(makeStages(rods.scheme == "bdf2" ? "backward_euler" : rods.scheme, rods)),
         settings_{rods.tolerance, rods.max_iterations, contact.tolerance, contact.multiplier_updates},
+        time_step_(rods.time_step),
         has_paper_(contact.paper),
         memory_steps_(static_cast<int>(
             std::clamp(std::floor(kMemoryInterval / rods.time_step), 1.0, kMemorySteps))),
         coupling_rounds_(contact.coupling_rounds),
-        coupling_iterations_(contact.coupling_iterations),
+        relative_(std::max(std::exp(-rods.time_step / kRelativeTime), kLeastRelative)),
         coupling_tolerance_(contact.coupling_tolerance) {
     // Rods that need material frames are kept apart: the others are far cheaper.
     place_.resize(brush_.rods.size());
@@ -88,7 +98,6 @@ class TuftOf : public Tuft {
     if (contact.bundles && brush_.rods.size() > 1) tie(rods, contact);
     for (int thread = 0; thread < pool_.threadCount(); ++thread)
       workspaces_.push_back(makeRodBatchWorkspace<Real>(brush_.rods.front().nodeCount()));
-    energy_settings_.max_iterations = 0;
     solve_ = [this](int index, int thread) {
       solve(batches_[static_cast<std::size_t>(index)], workspaces_[static_cast<std::size_t>(thread)]);
     };
@@ -116,7 +125,10 @@ class TuftOf : public Tuft {
       forgetBends(batch.framed.get(), batch.hair);
     }
     steps_ = 0;
-    if (bundles_) bundles_->found_at.clear();
+    moved_since_search_ = moved_apart_ = std::numeric_limits<double>::max();
+    if (bundles_) forgetPairs(*bundles_);
+    letGo();
+    since_search_ = 0.0;
     has_history_ = false;
   }
 
@@ -168,8 +180,9 @@ class TuftOf : public Tuft {
       poses[i] = X_PH(stages[i].end);
       handle_rests = handle_rests && poses[i].matrix() == X_PH_.matrix();
     }
-    if (!handle_rests)
-      for (Batch& batch : batches_) wake(batch);
+    if (!handle_rests || (bundles_ && !allAsleep()))
+      for (Batch& batch : batches_)
+        if (!handle_rests || batch.asleep) wake(batch);
     if (remembers() && steps_++ % memory_steps_ == 0)
       pool_.run(static_cast<int>(batches_.size()), relax_);
     for (std::size_t i = 0; i < stages.size(); ++i) {
@@ -177,7 +190,7 @@ class TuftOf : public Tuft {
       X_PH_ = poses[i];
       pivot_ = {X_PH_.translation().x(), X_PH_.translation().y(), X_PH_.translation().z()};
       report.coupling_error = 0.0;
-      if (bundles_) {
+      if (bundles_ && !allAsleep()) {
         for (Batch& batch : batches_) moveRoots(batch, X_PH_, false);
         solveTogether(report);
       } else {
@@ -192,8 +205,16 @@ class TuftOf : public Tuft {
         report.unconverged += batch.report.unconverged;
       }
     }
-    if (handle_rests && sleep_ > 0.0 && !bundles_)  // not while others may pull
+    if (handle_rests && sleep_ > 0.0) {
       for (Batch& batch : batches_) fallAsleep(batch);
+      // Rods that feel each other rest all at once or not at all.
+      if (bundles_ && !allAsleep())
+        for (Batch& batch : batches_)
+          if (batch.asleep) {
+            batch.asleep = false;
+            batch.still_steps = 32;
+          }
+    }
     has_history_ = true;
     return report;
   }
@@ -201,15 +222,17 @@ class TuftOf : public Tuft {
   void setInk(const std::vector<double>& saturation) override {
     for (Batch& batch : batches_)
       if (soak(batch.rods, saturation, batch.hair, batch.model, batch.framed.get())) wake(batch);
-    if (!bundles_) return;
-    for (std::size_t i = 0; i < bundles_->saturation.size(); ++i)
-      bundles_->saturation[i] = static_cast<Real>(saturation[i]);
-    updateCohesion(*bundles_);
+    if (bundles_ && takeInk(*bundles_, saturation)) {
+      for (Batch& batch : batches_) wake(batch);
+      moved_since_search_ = std::max(moved_since_search_, 2.0 * kLeastMargins * bundles_->margin);
+    }
   }
   int groups(double part, std::vector<int>& group_of_rod) const override {
     if (!bundles_) return Tuft::groups(part, group_of_rod);
     const int n = bundles_->node_count;
-    return findGroups(*bundles_, std::min(n - 1, static_cast<int>((1.0 - part) * n)), group_of_rod);
+    return findGroups(
+        *bundles_, std::min(n - 1, static_cast<int>((1.0 - part) * n)),
+        [this](int rod, int node) { return nodePosition(rod, node); }, group_of_rod);
   }
 
   void setNodeForce(int rod, int node, const Eigen::Vector3d& force) override {
@@ -285,8 +308,8 @@ class TuftOf : public Tuft {
     // small difference. [component][lane]
     std::array<double, 3 * kLanes> root_H, clamp_H, director_H, root_position;
     SolveReport report;
-    CoupledBatch<Real> coupled;  // what ties the rods to others
-    RodBatchState<Real> start;   // the state before a solve that may have to be done again
+    AlignedVector<Real> common, common_scratch;  // see kCommonRows
+    RodBatchState<Real> start;  // the state before a solve that may have to be done again
     AlignedVector<Real> start_frame, start_offset, start_stuck;
     bool asleep = false;  // at rest: a step leaves it as it is
     int still_steps = 0;  // without a change of anything from outside, and without motion from `rest`
@@ -319,6 +342,11 @@ class TuftOf : public Tuft {
       batch.still_steps = 0;
     }
     batch.asleep = batch.still_steps++ == 32;
+  }
+
+  bool allAsleep() const {
+    return std::all_of(batches_.begin(), batches_.end(),
+                       [](const Batch& batch) { return batch.asleep; });
   }
 
   void addBatch(const std::vector<int>& rods, bool framed, const RodParameters& parameters,
@@ -418,180 +446,261 @@ class TuftOf : public Tuft {
 
   /// Lets the rods feel each other.
   void tie(const RodParameters& rods, const ContactParameters& contact) {
-    bundles_ = std::make_unique<BundleContact<Real>>(makeBundleContact<Real>(brush_, contact));
+    std::vector<std::vector<int>> batches;
+    for (const Batch& batch : batches_) batches.push_back(batch.rods);
+    bundles_ = std::make_unique<BundleContact<Real>>(makeBundleContact<Real>(brush_, contact, batches));
     bundles_->slip = kSlipSpeed * rods.time_step;
-    search_interval_ = std::max(1, static_cast<int>(std::lround(kSearchInterval / rods.time_step)));
-    for (Batch& batch : batches_) {
-      CoupledBatch<Real>& coupled = batch.coupled;
-      const int n = batch.model.node_count;
-      coupled.springs.resize(static_cast<std::size_t>(n * 4 * kLanes));
-      coupled.factor.resize(static_cast<std::size_t>(n * kRodFactorRows * kLanes));
-      for (auto* field : {&coupled.residual, &coupled.solution, &coupled.direction, &coupled.own,
-                          &coupled.image, &coupled.answer})
-        field->resize(static_cast<std::size_t>((n - 1) * 2 * kLanes));
-      coupled.present.resize(kLanes);
-      for (std::size_t lane = 0; lane < kLanes; ++lane) {
-        const bool present = lane < batch.rods.size();
-        coupled.present[lane] = present ? Real(1) : Real(0);
-        coupled.first_node[lane] = n * (present ? batch.rods[lane] : bundles_->rod_count);
-      }
-      forEachNode(batch, [&](std::size_t node, std::size_t lane, std::size_t at) {
-        bundles_->hold[at] =
-            batch.contact.stiffness[node * kLanes + lane] / static_cast<Real>(contact.stiffness);
-      });
+    const auto n = static_cast<std::size_t>(bundles_->node_count);
+    for (std::size_t i = 0; i < batches_.size(); ++i) {
+      Batch& batch = batches_[i];
+      batch.common.assign(n * kCommonRows, Real(0));
+      batch.common_scratch.assign(n * kCommonRows * kLanes, Real(0));
+      for (std::size_t at = 0; at < n * kLanes; ++at)
+        bundles_->batches[i].hold[at] =
+            batch.contact.stiffness[at] / static_cast<Real>(contact.stiffness);
+    }
+    common_.node_count = bundles_->node_count;
+    common_.factor.assign((n - 1) * 18 * kLanes, Real(0));
+    for (int count = static_cast<int>(batches_.size());; count = (count + kJoined - 1) / kJoined) {
+      CommonLevel<Real> level;
+      level.count = count;
+      const std::size_t rows = n * kLanes * static_cast<std::size_t>((count + kLanes - 1) / kLanes);
+      level.sums.assign(rows * kCommonRows, Real(0));
+      level.hold.assign(rows, Real(0));
+      level.shift.assign(rows * 3, Real(0));
+      level.pull.assign(rows * 3, Real(0));
+      // Lanes without a group have mass alone, and so stay where they are.
+      for (std::size_t at = 0; at < rows; ++at)
+        level.sums[(at / kLanes * kCommonRows + kCommonMass) * kLanes + at % kLanes] = Real(1);
+      common_.levels.push_back(std::move(level));
+      if (count == 1) break;
     }
   }
 
-  /// Calls visit(node, lane, rod · node count + node) for every node of the rods in a batch.
-  template <class Visit>
-  void forEachNode(const Batch& batch, Visit&& visit) const {
-    const auto n = static_cast<std::size_t>(batch.model.node_count);
-    for (std::size_t lane = 0; lane < batch.rods.size(); ++lane)
-      for (std::size_t node = 0; node < n; ++node)
-        visit(node, lane, static_cast<std::size_t>(batch.rods[lane]) * n + node);
+  /// What pulled until now does not any more.
+  void letGo() {
+    if (!bundles_) return;
+    for (BundleBatch<Real>& bundle : bundles_->batches) {
+      std::fill(bundle.springs.begin(), bundle.springs.end(), Real(0));
+      for (auto* field : {&bundle.turns, &bundle.anchors})
+        std::fill(field->begin(), field->end(), Real(0));
+    }
+    for (CommonLevel<Real>& level : common_.levels) {
+      level.tie_count = 0;
+      std::fill(level.hold.begin(), level.hold.end(), Real(0));
+    }
   }
 
   /// A step of rods that touch. Each is solved as if the others did what is believed of them, at first
-  /// that they go on as they did, all at once. Then beliefs are improved by a step of Newton's method
-  /// for all of them together (see CoupledRods), as far as it lowers the energy, and each is solved once
-  /// more, until beliefs and deeds agree. The springs that a rod feels lie above the coupled energy, so
-  /// a solve lowers it too (see BundleContact).
+  /// that they go on as they did, and then that groups of them do what they would do together (see
+  /// CommonMotion). The springs that a rod feels lie above the coupled energy (see BundleContact), and
+  /// where rods rest they rest whatever is believed of their motion: one such round a step is stable and
+  /// ends in the common minimum. With more rounds what rods did is believed of them, and they are solved
+  /// again, until beliefs and deeds agree.
   void solveTogether(TuftReport& report) {
     BundleContact<Real>& bundles = *bundles_;
     const Coupling<Real>& coupling = kernel_.template coupling<Real>();
-    forBatches([&](Batch& batch) {
-      keepStart(batch);
+    forBatches([&](Batch& batch, BundleBatch<Real>& bundle) {
+      if (coupling_rounds_ > 1) keepStart(batch);
       chooseScheme(batch);
-      extrapolate(batch);
+      coupling.extrapolate(stage_->ratio, std::pow(relative_, stage_->part), batch.model, batch.roots,
+                           batch.state, bundle);
     });
-    const double moved = motionSinceSearch(bundles) / bundles.margin;
-    if (moved > kFarInMargins || (++steps_since_search_ >= search_interval_ && moved > 1.0)) {
-      coupling.find(bundles);
-      takePairs(bundles);
-      steps_since_search_ = 0;
-    }
+    since_search_ += stage_->part * time_step_;
+    moved_apart_ += spreadOfWays();
+    const bool apart = moved_apart_ > kApartMargins * bundles.margin;
+    const bool moved = std::max(moved_since_search_, moved_apart_) > kLeastMargins * bundles.margin;
+    if (apart || moved_since_search_ > kSearchMargins * bundles.margin ||
+        (moved && since_search_ > kLongestSearch))
+      search(apart || bundles.search_count % 2 == 0);
     if (bundles.empty()) {
+      letGo();
       for (Batch& batch : batches_) batch.state.guess.clear();
       pool_.run(static_cast<int>(batches_.size()), solve_);
       return;
     }
-    coupling.pull(bundles);
-    double energy = energyOfStep();
     for (int round = 1;; ++round) {
-      forBatches([&](Batch& batch) { coupling.writeSprings(bundles, batch.coupled); });
-      pool_.run(static_cast<int>(batches_.size()), solve_);
-      forBatches([&](Batch& batch) { coupling.believe(bundles, batch.state, batch.coupled); });
-      report.coupling_error = 0.0;
-      for (const Batch& batch : batches_)
-        report.coupling_error = std::max(report.coupling_error, batch.coupled.largest);
       report.coupling_rounds = round;
-      if (report.coupling_error < coupling_tolerance_ || round == coupling_rounds_) return;
-      report.coupling_iterations += findDirection();
-      for (Batch& batch : batches_) {
-        report.iterations += batch.report.iterations;
-        batch.coupled.shape = batch.state.edge;
+      moveTogether();
+      pull();
+      pool_.run(static_cast<int>(batches_.size()), solve_);
+      report.coupling_error = 0.0;
+      for (std::size_t i = 0; i < batches_.size(); ++i)
+        report.coupling_error =
+            std::max(report.coupling_error, disagreement(batches_[i], bundles.batches[i]));
+      if (report.coupling_error < coupling_tolerance_ || round == coupling_rounds_) break;
+      forBatches([&](Batch& batch, BundleBatch<Real>& bundle) {
+        bundle.way = batch.state.displacement;
+        bundle.point = batch.state.position;
         backToStart(batch);
-      }
-      // Halved until the energy is below that of the beliefs before; if need be, only what rods did.
-      for (double part = 1.0;; part = part > kLeastPart ? 0.5 * part : 0.0) {
-        forBatches([&](Batch& batch) {
-          if (!batch.framed)
-            coupling.move(bundles, batch.model, batch.roots, batch.state, batch.coupled, part);
-        });
-        coupling.pull(bundles);
-        const double now = energyOfStep();
-        if (part > 0.0 && !(now <= energy)) continue;
-        energy = now;
-        break;
-      }
+      });
+      for (const Batch& batch : batches_) report.iterations += batch.report.iterations;
     }
+    Real most = 0;
+    for (const BundleBatch<Real>& bundle : bundles.batches) most = std::max(most, bundle.most_relative);
+    moved_since_search_ += std::sqrt(double(most));
   }
 
-  /// Rods go on as they did: into what is believed, and the shapes that the next solve begins with.
-  void extrapolate(Batch& batch) {
-    batch.state.guess = batch.state.edge;
-    // Not by the second order of a lone rod's guess, which makes noise of neighbours louder.
-    const Real part = static_cast<Real>(stage_->end);
-    const auto n = static_cast<std::size_t>(batch.model.node_count);
-    const auto way = [&](std::size_t node, std::size_t at) {
-      return node == 0 ? batch.roots.displacement[at]
-                       : part * batch.state.displacement[node * 3 * kLanes + at];
-    };
-    for (std::size_t edge = 0; edge + 1 < n; ++edge) {
-      Real* e = batch.state.guess.data() + edge * 3 * kLanes;
-      for (std::size_t at = 0; at < 3 * kLanes; ++at) e[at] += way(edge + 1, at) - way(edge, at);
-      for (std::size_t lane = 0; lane < kLanes; ++lane, ++e) {
-        const Real scale =
-            batch.model.edge_length[lane] /
-            std::sqrt(e[0] * e[0] + e[kLanes] * e[kLanes] + e[2 * kLanes] * e[2 * kLanes]);
-        for (std::size_t i = 0; i < 3; ++i) e[i * kLanes] *= scale;
-      }
-    }
-    forEachNode(batch, [&](std::size_t node, std::size_t lane, std::size_t at) {
-      for (std::size_t i = 0; i < 3; ++i) {
-        const Real moved = way(node, i * kLanes + lane);
-        bundles_->way[4 * at + i] = moved;
-        bundles_->point[4 * at + i] = batch.state.position[(node * 3 + i) * kLanes + lane] + moved;
-      }
-    });
-  }
-
-  /// Of the rods and the pairs, at the shapes in state.guess and after BundlePull::pull there [J]. Rods
-  /// with frames are left out: what is believed of them changes only by their own solves.
-  double energyOfStep() {
-    pool_.run(static_cast<int>(batches_.size()), [this](int index, int thread) {
-      Batch& batch = batches_[static_cast<std::size_t>(index)];
-      if (batch.framed) return;
-      if (!batch.push.empty()) putPushIn(batch);
-      RodBatchWorkspace<Real>& workspace = workspaces_[static_cast<std::size_t>(thread)];
-      batch.coupled.product = kernel_(stepOf(batch, workspace, energy_settings_, nullptr)).energy;
-      if (!batch.push.empty()) batch.state.velocity = batch.before;
-    });
-    return bundles_->energy + sumOfProducts();
-  }
-
-  /// From where the rods are towards where all of them together would be, by conjugate gradients that
-  /// stop at the edge of the region in which springs between closest points can be trusted. Returns how
-  /// many. Source: Steihaug 1983, The Conjugate Gradient Method and Trust Regions in Large Scale
-  /// Optimization.
-  int findDirection() {
+  void search(bool with_crossings) {
     BundleContact<Real>& bundles = *bundles_;
     const Coupling<Real>& coupling = kernel_.template coupling<Real>();
-    coupling.multiply(bundles);
-    forBatches([&](Batch& batch) { coupling.begin(bundles, batch.coupled); });
-    const double trusted = 2.0 * bundles.margin;
-    double length = 0.0, last_product = 0.0, gone = 0.0;
-    for (int iteration = 0;; ++iteration) {
-      forBatches([&](Batch& batch) { coupling.advance(batch.coupled, length); });
-      const double product = sumOfProducts();
-      if (!(product > 0.0) || iteration == coupling_iterations_ || gone >= trusted) return iteration;
-      const double turn = iteration > 0 ? product / last_product : 0.0;
-      last_product = product;
-      forBatches([&](Batch& batch) { coupling.redirect(bundles, batch.coupled, turn); });
-      coupling.multiply(bundles);
-      forBatches([&](Batch& batch) { coupling.answer(bundles, batch.coupled); });
-      const double curvature = sumOfProducts();
-      if (!(curvature > 0.0)) return iteration;
-      length = product / curvature;
-      double largest = 0.0;
-      for (const Batch& batch : batches_) largest = std::max(largest, batch.coupled.largest);
-      if (length * largest < coupling_tolerance_) return iteration;
-      length = std::min(length, (trusted - gone) / largest);
-      gone += length * largest;
+    coupling.find(bundles, with_crossings);
+    takeHits(bundles, since_search_);
+    since_search_ = 0.0;
+    coupling.fill(bundles);
+    moved_since_search_ = 0.0;
+    if (with_crossings) moved_apart_ = 0.0;
+  }
+
+  /// Largest difference of what nodes of one index are believed to do in the step [m].
+  double spreadOfWays() const {
+    double largest = 0.0;
+    for (const int node : bundles_->levels) {
+      double square = 0.0;
+      for (std::size_t i = 0; i < 3; ++i) {
+        Real low = std::numeric_limits<Real>::max(), high = -low;
+        for (const BundleBatch<Real>& bundle : bundles_->batches) {
+          const Real* way = bundle.way.data() + (static_cast<std::size_t>(node) * 3 + i) * kLanes;
+          low = std::min(low, *std::min_element(way, way + kLanes));
+          high = std::max(high, *std::max_element(way, way + kLanes));
+        }
+        square += double(high - low) * double(high - low);
+      }
+      largest = std::max(largest, square);
+    }
+    return std::sqrt(largest);
+  }
+
+  /// What the pairs pull, into the springs, and how groups are tied.
+  void pull() {
+    BundleContact<Real>& bundles = *bundles_;
+    const Coupling<Real>& coupling = kernel_.template coupling<Real>();
+    const int batches = static_cast<int>(batches_.size());
+    pool_.run(batches, [&](int batch, int) { coupling.push(bundles, batch); });
+    pool_.run(batches, [&](int batch, int) { coupling.gather(bundles, batch); });
+    coupling.cross(bundles);
+    tieGroups();
+  }
+
+  /// The ties of batches, and those of larger groups by them.
+  void tieGroups() {
+    const int n = bundles_->node_count;
+    const auto join = [](CommonLevel<Real>& level, int a, int b, const std::vector<Real>& stiffness) {
+      if (a == b) return;
+      for (int i = 0; i < level.tie_count; ++i) {
+        auto& tie = level.ties[static_cast<std::size_t>(i)];
+        if (tie.a != a || tie.b != b) continue;
+        for (std::size_t k = 0; k < stiffness.size(); ++k) tie.stiffness[k] += stiffness[k];
+        return;
+      }
+      const auto next = static_cast<std::size_t>(level.tie_count++);
+      if (next == level.ties.size()) level.ties.emplace_back();
+      level.ties[next].a = a;
+      level.ties[next].b = b;
+      level.ties[next].stiffness = stiffness;
+    };
+    for (CommonLevel<Real>& level : common_.levels) level.tie_count = 0;
+    for (const auto& tie : bundles_->ties) join(common_.levels.front(), tie.a, tie.b, tie.stiffness);
+    for (std::size_t i = 1; i < common_.levels.size(); ++i)
+      for (int k = 0; k < common_.levels[i - 1].tie_count; ++k) {
+        const auto& tie = common_.levels[i - 1].ties[static_cast<std::size_t>(k)];
+        join(common_.levels[i], tie.a / kJoined, tie.b / kJoined, tie.stiffness);
+      }
+    for (CommonLevel<Real>& level : common_.levels) {
+      std::fill(level.hold.begin(), level.hold.end(), Real(0));
+      for (int i = 0; i < level.tie_count; ++i) {
+        const auto& tie = level.ties[static_cast<std::size_t>(i)];
+        for (const int group : {tie.a, tie.b})
+          for (int place = 1; place < n; ++place)
+            level.hold[static_cast<std::size_t>((group / kLanes * n + place) * kLanes +
+                                                group % kLanes)] +=
+                Real(2) * tie.stiffness[static_cast<std::size_t>(place)];
+      }
     }
   }
 
-  /// Calls task(batch) for all of them, in parallel.
+  /// Stiffness of inertia where a group has no rods, which keeps its place there [N/m].
+  static constexpr Real kLeastMass = Real(1e-6);
+
+  /// Moves what is believed by what groups of rods do together.
+  void moveTogether() {
+    BundleContact<Real>& bundles = *bundles_;
+    const Coupling<Real>& coupling = kernel_.template coupling<Real>();
+    const int n = bundles.node_count;
+    pool_.run(static_cast<int>(batches_.size()), [&](int index, int thread) {
+      Batch& batch = batches_[static_cast<std::size_t>(index)];
+      const BundleBatch<Real>& bundle = bundles.batches[static_cast<std::size_t>(index)];
+      if (batch.framed) return;
+      if (!batch.push.empty()) putPushIn(batch);
+      coupling.sumUp(stepOf(batch, workspaces_[static_cast<std::size_t>(thread)], &bundle),
+                     bundle.present.data(), bundle.places, batch.common_scratch.data(),
+                     batch.common.data());
+      for (int place = 0; place < n; ++place) {
+        Real* sums = batch.common.data() + place * kCommonRows;
+        sums[kCommonTurn] = bundle.turns[static_cast<std::size_t>(place)];
+        for (int i = 0; i < 3; ++i)
+          sums[kCommonContact + i] += bundle.anchors[static_cast<std::size_t>(place)];
+      }
+      if (!batch.push.empty()) batch.state.velocity = batch.before;
+    });
+    CommonLevel<Real>& level = common_.levels.front();
+    const auto at = [&](std::size_t batch, int node, int rows) {
+      return (batch / kLanes * static_cast<std::size_t>(n) + static_cast<std::size_t>(node)) *
+                 static_cast<std::size_t>(rows) * kLanes +
+             batch % kLanes;
+    };
+    for (std::size_t i = 0; i < batches_.size(); ++i) {
+      // Rods with frames do not take part; what has next to no mass does not weigh on its larger group.
+      if (batches_[i].framed) {
+        for (int node = 1; node < n; ++node)
+          level.sums[at(i, node, kCommonRows) + kCommonMass * kLanes] = kLeastMass;
+        continue;
+      }
+      const Real* sums = batches_[i].common.data();
+      for (int node = 1; node < n; ++node)
+        for (std::size_t row = 0; row < kCommonRows; ++row)
+          level.sums[at(i, node, kCommonRows) + row * kLanes] =
+              sums[static_cast<std::size_t>(node * kCommonRows) + row] +
+              (row == kCommonMass ? kLeastMass : Real(0));
+    }
+    coupling.solveCommon(common_);
+    Real largest = 0;
+    for (std::size_t k = 0; k < level.shift.size(); ++k)
+      largest = std::max(largest, std::abs(level.shift[k]));
+    const Real scale = std::min(Real(1), static_cast<Real>(kTrustInMargins * bundles.margin) /
+                                             std::max(largest, std::numeric_limits<Real>::min()));
+    pool_.run(static_cast<int>(batches_.size()), [&](int index, int) {
+      Batch& batch = batches_[static_cast<std::size_t>(index)];
+      if (batch.framed) return;
+      for (int place = 0; place < n; ++place)
+        for (std::size_t row = 0; row < 3; ++row)
+          batch.common[static_cast<std::size_t>(3 * place) + row] =
+              scale * level.shift[at(static_cast<std::size_t>(index), place, 3) + row * kLanes];
+      coupling.shift(batch.model, batch.roots, batch.state,
+                     bundles.batches[static_cast<std::size_t>(index)], batch.common.data());
+    });
+  }
+
+  /// Largest distance between what was believed of a batch's nodes and what they did [m].
+  static double disagreement(const Batch& batch, const BundleBatch<Real>& bundle) {
+    Register largest{};
+    const Real *did = batch.state.displacement.data(), *believed = bundle.way.data();
+    for (std::size_t row = 0; row < bundle.way.size(); row += 3 * kLanes)
+      for (std::size_t lane = row; lane < row + kLanes; lane += kRegister)
+        largest = max(largest, squaredNorm(Vec3<Register>::loadFrom(did + lane) -
+                                           Vec3<Register>::loadFrom(believed + lane)));
+    double square = 0.0;
+    for (std::size_t k = 0; k < kRegister; ++k) square = std::max(square, double(largest[k]));
+    return std::sqrt(square);
+  }
+
+  /// Calls task(batch, its bundles) for all of them, in parallel.
   template <class Task>
   void forBatches(Task&& task) {
-    pool_.run(static_cast<int>(batches_.size()),
-              [&](int index, int) { task(batches_[static_cast<std::size_t>(index)]); });
-  }
-  double sumOfProducts() const {
-    double sum = 0.0;
-    for (const Batch& batch : batches_)
-      if (!batch.framed) sum += batch.coupled.product;
-    return sum;
+    pool_.run(static_cast<int>(batches_.size()), [&](int index, int) {
+      task(batches_[static_cast<std::size_t>(index)],
+           bundles_->batches[static_cast<std::size_t>(index)]);
+    });
   }
 
   static void keepStart(Batch& batch) {
@@ -615,12 +724,12 @@ class TuftOf : public Tuft {
       std::copy(batch.contact.stuck.begin(), batch.contact.stuck.end(), batch.calm.begin());
   }
 
-  RodStep<Real> stepOf(Batch& batch, RodBatchWorkspace<Real>& workspace, const SolverSettings& settings,
-                       const Real* springs) {
+  RodStep<Real> stepOf(Batch& batch, RodBatchWorkspace<Real>& workspace,
+                       const BundleBatch<Real>* bundle) {
     return {batch.model,
             batch.roots,
             stage_->coefficients,
-            settings,
+            settings_,
             law_,
             gravity_,
             pivot_.data(),
@@ -631,19 +740,19 @@ class TuftOf : public Tuft {
             batch.wrench.data(),
             &stage_->calm,
             batch.calm.data(),
-            springs};
+            bundle ? bundle->springs.data() : nullptr,
+            bundle ? bundle->way.data() : nullptr};
   }
 
   void solve(Batch& batch, RodBatchWorkspace<Real>& workspace) {
     if (batch.asleep) return;
     chooseScheme(batch);
     if (!batch.push.empty()) putPushIn(batch);
-    // Conjugate gradients want the factors of all batches.
-    if (bundles_) std::swap(workspace.factor, batch.coupled.factor);
-    batch.report =
-        kernel_(stepOf(batch, workspace, settings_,
-                       bundles_ && !bundles_->empty() ? batch.coupled.springs.data() : nullptr));
-    if (bundles_) std::swap(workspace.factor, batch.coupled.factor);
+    const BundleBatch<Real>* bundle =
+        bundles_ && !bundles_->empty()
+            ? &bundles_->batches[static_cast<std::size_t>(&batch - batches_.data())]
+            : nullptr;
+    batch.report = kernel_(stepOf(batch, workspace, bundle));
     if (!batch.push.empty()) takePushOut(batch);
   }
 
@@ -737,15 +846,19 @@ class TuftOf : public Tuft {
   std::vector<StageOfStep> stages_, first_stages_;  // the first are those of a step without history
   const StageOfStep* stage_ = nullptr;              // that is solved now
   Eigen::Isometry3d X_PH_ = Eigen::Isometry3d::Identity();
-  SolverSettings settings_, energy_settings_ = settings_;
+  SolverSettings settings_;
+  double time_step_;
   bool has_paper_;
   int memory_steps_;  // from one call of relaxBends to the next
   int steps_ = 0;     // since place()
-  int coupling_rounds_, coupling_iterations_;
+  int coupling_rounds_;
+  double relative_;  // part of what a rod does by itself that is believed to go on
   double coupling_tolerance_;
   std::unique_ptr<BundleContact<Real>> bundles_;  // null: the rods do not feel each other
   bool has_history_ = false;
-  int search_interval_ = 1, steps_since_search_ = 0;
+  CommonMotionState<Real> common_;
+  double since_search_ = 0.0;                            // time [s]
+  double moved_since_search_ = 0.0, moved_apart_ = 0.0;  // neighbours, rods, relative to each other [m]
   std::array<double, 3> pivot_{};
   std::vector<Batch> batches_;
   std::vector<Place> place_;  // of each rod

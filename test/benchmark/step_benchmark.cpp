@@ -24,7 +24,7 @@
 ///   ratio_to_baseline        time of the baseline over ours, per rod and simulated time, each at its
 ///                            own step; the baseline is timed in the same process
 ///   unconverged              part of the rod-steps that ended at max_iterations
-/// Of rods that are coupled: rounds and conjugate gradients of a step, and `late`, the part of the steps
+/// Of rods that are coupled: rounds of a step, and `late`, the part of the steps
 /// that ended before all beliefs were within the tolerance.
 /// The simulator's have each stage's time over rods and steps as well [µs].
 ///
@@ -341,7 +341,7 @@ void timeCoupled(benchmark::State& state, int rod_count, double ink, const RodPa
   const auto tuft = makeTuft(scene.brush, rods, scene.contact);
   tuft->setInk(std::vector<double>(scene.brush.rods.size() * 16, ink));
   const int steps = static_cast<int>(scene.duration / rods.time_step);
-  double seconds = 0.0, rounds = 0.0, gradients = 0.0, late = 0.0, total = 0.0;
+  double seconds = 0.0, rounds = 0.0, late = 0.0, total = 0.0;
   for (auto _ : state) {
     (void)_;
     tuft->place(scene.pose(0.0));
@@ -349,7 +349,6 @@ void timeCoupled(benchmark::State& state, int rod_count, double ink, const RodPa
     for (int step = 1; step <= steps; ++step) {
       const TuftReport report = tuft->step(scene.pose(step * rods.time_step));
       rounds += report.coupling_rounds;
-      gradients += report.coupling_iterations;
       late += report.coupling_error >= scene.contact.coupling_tolerance;
     }
     const double elapsed = watch.seconds();
@@ -360,7 +359,6 @@ void timeCoupled(benchmark::State& state, int rod_count, double ink, const RodPa
   state.counters["us_per_rod_step"] = 1e6 * seconds / total / rod_count;
   state.counters["real_time_factor"] = total * rods.time_step / seconds;
   state.counters["rounds"] = rounds / total;
-  state.counters["conjugate_gradients"] = gradients / total;
   state.counters["late"] = late / total;
 }
 

@@ -115,24 +115,31 @@ TEST(Simulator, KeepsTheInkThatTipAndSheetHold) {
 }
 
 TEST(Simulator, GivesTheSameBitsHoweverPosesArriveAndForAnyThreads) {
-  SimulatorParameters p = smallScene();
-  p.brush.rod_count = 40;
-  Simulator one(p);
-  const std::uint64_t hash = runStroke(one);
-  Simulator in_bunches(p);
-  EXPECT_EQ(runStroke(in_bunches, 7), hash);
-  p.rods.threads = 3;
-  Simulator threaded(p);
-  EXPECT_EQ(runStroke(threaded), hash);
+  for (const bool bundles : {false, true}) {
+    SimulatorParameters p = smallScene();
+    p.contact.bundles = bundles;
+    p.brush.rod_count = 40;
+    Simulator one(p);
+    const std::uint64_t hash = runStroke(one);
+    Simulator in_bunches(p);
+    EXPECT_EQ(runStroke(in_bunches, 7), hash) << bundles;
+    p.rods.threads = 3;
+    Simulator threaded(p);
+    EXPECT_EQ(runStroke(threaded), hash) << bundles;
+  }
 }
 
 TEST(Simulator, StartsAnewAfterReset) {
-  Simulator simulator(smallScene());
-  const std::uint64_t hash = runStroke(simulator);
-  simulator.reset();
-  EXPECT_EQ(simulator.paper().inkVolume(), 0.0);
-  EXPECT_EQ(simulator.report().step_count, 0);
-  EXPECT_EQ(runStroke(simulator), hash);
+  for (const bool bundles : {false, true}) {
+    SimulatorParameters p = smallScene();
+    p.contact.bundles = bundles;
+    Simulator simulator(p);
+    const std::uint64_t hash = runStroke(simulator);
+    simulator.reset();
+    EXPECT_EQ(simulator.paper().inkVolume(), 0.0);
+    EXPECT_EQ(simulator.report().step_count, 0);
+    EXPECT_EQ(runStroke(simulator), hash) << bundles;
+  }
 }
 
 TEST(Simulator, IsUnchangedByARefusedPose) {

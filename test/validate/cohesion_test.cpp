@@ -49,15 +49,17 @@ TEST(CohesionPair, IsDryAsFarAsTheExactPeelingSolutionSays) {
 }
 
 TEST(CohesionPair, DryLengthGoesWithTheRootOfTheSpacingAndTheFourthRootOfTheStiffness) {
-  // Of rods of equal length, so that the nodes lie differently in each shape.
+  // Of lengths that leave the nodes to lie differently in each shape, and about as many in the dry part.
   CohesionPairParameters p = pairOf(rowsOf(0.05)[3]);
   p.length = 0.016;
   const double dry = cohesionPair(p).dry_length;
   CohesionPairParameters closer = p;
   closer.spacing = p.spacing / 5.0;
+  closer.length = 0.0085;
   EXPECT_NEAR(std::log(dry / cohesionPair(closer).dry_length) / std::log(5.0), 0.5, 0.015);
   CohesionPairParameters softer = p;
   softer.bending = p.bending / 25.0;
+  softer.length = 0.0085;
   EXPECT_NEAR(std::log(dry / cohesionPair(softer).dry_length) / std::log(25.0), 0.25, 0.0075);
 }
 
@@ -98,22 +100,35 @@ TEST(TipShape, WetClosesBelowAThirdAndDryStaysAtRest) {
   EXPECT_NEAR(dry.end_diameter / dry.rest_diameter, 1.0, 0.05);
 }
 
+TEST(TipShape, ClosesAndHangsTogetherTheMoreTheMoreInkThereIs) {
+  TipShapeParameters p;
+  p.brush = std::string(CALLIGRAPHY_BRUSH_SOURCE_DIR) + "/config/brushes/medium.yaml";
+  int groups = 1000;
+  double ends = 1.0;
+  for (const double ink : {0.0001, 0.003, 0.03, 0.25, 1.0}) {
+    p.ink = ink;
+    const TipShapeResult result = tipShape(p);
+    EXPECT_LE(result.groups, groups) << ink;
+    EXPECT_LT(result.ends_diameter, ends * result.rest_ends_diameter) << ink;
+    groups = result.groups;
+    ends = result.ends_diameter / result.rest_ends_diameter;
+  }
+  EXPECT_EQ(groups, 1);
+  EXPECT_LT(ends, 1.0 / 3.0);
+}
+
 TEST(TipShape, PressedDryPartsAndWetStaysOne) {
   TipShapeParameters p;
-  p.rods = 24;
-  p.nodes = 40;
   p.depth = 0.01;
-  p.duration = 0.3;
-  p.rounds = 20;
   p.brush = std::string(CALLIGRAPHY_BRUSH_SOURCE_DIR) + "/config/brushes/medium.yaml";
   int before = 1000;
-  for (const double ink : {0.0, 0.001, 0.25, 1.0}) {
+  for (const double ink : {0.0, 0.0001, 0.1, 1.0}) {
     p.ink = ink;
     const TipShapeResult result = tipShape(p);
     EXPECT_LE(result.groups, before) << ink;
     before = result.groups;
     if (ink == 0.0) {
-      EXPECT_GT(result.groups, 3);
+      EXPECT_GT(result.groups, 20);
     }
   }
   EXPECT_EQ(before, 1);

@@ -20,7 +20,7 @@ struct TipShapeParameters : DynamicParameters {
   int rods = 0;
   double duration = 0.6;
   double drag = 0.01;
-  int rounds = 4;
+  int rounds = 1;
 
   template <class Self, class Visit>
   static void describe(Self& self, Visit& visit) {

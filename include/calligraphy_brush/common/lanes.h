@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <type_traits>
 
 #if defined(__SSE2__)
@@ -139,6 +140,50 @@ CALLIGRAPHY_INLINE V sqrt(V x) {
   V result;
   for (int lane = 0; lane < widthOf<V>; ++lane) result[lane] = sqrt(x[lane]);
   return result;
+}
+
+/// Lane k: row[from[k]], of a row of kLanes numbers.
+template <class V>
+CALLIGRAPHY_INLINE V pick(const RealOf<V>* row, const std::int32_t* from) {
+#if defined(__AVX512F__)
+  if constexpr (sizeof(V) == 64 && sizeof(RealOf<V>) == 4)
+    return (V)_mm512_maskz_permutexvar_ps(0xffff, _mm512_loadu_si512(from), _mm512_load_ps(row));
+  if constexpr (sizeof(V) == 64 && sizeof(RealOf<V>) == 8)
+    return (V)_mm512_maskz_permutex2var_pd(
+        0xff, _mm512_load_pd(row),
+        _mm512_maskz_cvtepi32_epi64(0xff, _mm256_loadu_si256((const __m256i*)from)),
+        _mm512_load_pd(row + 8));
+#endif
+#if defined(__AVX2__)
+  if constexpr (sizeof(V) == 32 && sizeof(RealOf<V>) == 4) {
+    const __m256i index = _mm256_loadu_si256((const __m256i*)from);
+    return (V)_mm256_blendv_ps(_mm256_permutevar8x32_ps(_mm256_load_ps(row), index),
+                               _mm256_permutevar8x32_ps(_mm256_load_ps(row + 8), index),
+                               _mm256_castsi256_ps(_mm256_slli_epi32(index, 28)));
+  }
+#endif
+  if constexpr (widthOf<V> == 1) {
+    return row[from[0]];
+  } else {
+    alignas(64) RealOf<V> values[widthOf<V>];
+    for (int lane = 0; lane < widthOf<V>; ++lane) values[lane] = row[from[lane]];
+    return load<V>(values);
+  }
+}
+
+/// Over all lanes.
+template <class V>
+CALLIGRAPHY_INLINE RealOf<V> sumOf(V values) {
+  if constexpr (widthOf<V> == 1) {
+    return values;
+  } else {
+    // By halves, with the neighbour, then the neighbours' neighbours.
+    alignas(64) RealOf<V> sums[widthOf<V>];
+    store<V>(sums, values);
+    for (int half = widthOf<V> / 2; half > 0; half /= 2)
+      for (int lane = 0; lane < half; ++lane) sums[lane] += sums[lane + half];
+    return sums[0];
+  }
 }
 
 /// Three numbers a lane.

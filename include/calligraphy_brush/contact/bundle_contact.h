@@ -1,12 +1,13 @@
 #pragma once
 
-#include <algorithm>
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <vector>
 
 #include "calligraphy_brush/brush/brush_model.h"
 #include "calligraphy_brush/common/aligned.h"
+#include "calligraphy_brush/common/common_places.h"
 #include "calligraphy_brush/common/lanes.h"
 #include "calligraphy_brush/contact/contact_parameters.h"
 
@@ -26,178 +27,184 @@ double cohesionEnergy(double saturation);
 
 /// Energy of two rods per length by the gap g of their surfaces [J/m].
 ///
-///   g < 0        the force is (k + 4 w/a²) g/(1 + g/D): overlap stays short of the distance D of the
-///   axes 0 ≤ g < a    −w (1 − (g/a)²)²: a bridge of liquid, gone at the range a
+///   contact, g < 0: ½ k g²/(1 + g/D), so that overlap stays short of the distance D of the axes
+///   cohesion, g < a: −w (1 − g/a)², a bridge of liquid that lets go at the range a. Its pull is
+///   strongest where the surfaces touch, 2 w/a, and stays so where they overlap
 ///
-/// k: stiffness [N/m²], w: energy of cohesion [J/m]. Curvature does not jump where surfaces meet.
+/// k: stiffness [N/m²], w: energy of cohesion [J/m].
 double pairEnergy(double gap, double distance, double stiffness, double cohesion, double range);
 
-/// Places on the rods that are near enough to feel each other: a node of one rod and an edge of
-/// another, or two edges that cross. One a lane; arrays are as long as a multiple of kLanes, and
-/// those beyond `count` have no stiffness and no energy.
+/// Rods of one batch that face rods of another: lane l of batch `a` faces lane to[l] of batch `b`, all
+/// along the rods. So a node meets its neighbour by a permutation of lanes, with no index to look up.
+///
+/// A pair is a node of the first rod and the nearest point of the two edges that meet at the second
+/// rod's node of the same index. Lanes that face nobody have no stiffness and no pull.
 template <class Real>
-struct BundlePairs {
-  int count = 0;
-  AlignedVector<std::int32_t> a, b;  ///< the node, or first node of an edge: rod · node count + node
-  AlignedVector<Real> distance;      ///< of the axes where the surfaces touch [m]
-  AlignedVector<Real> range;         ///< gap at which the liquid lets go [m]
-  AlignedVector<Real> stiffness;     ///< of the contact [N/m]
-  AlignedVector<Real> well;          ///< curvature of the cohesion where they touch, 4 w l/range² [N/m]
-  AlignedVector<Real> reach;         ///< how far beyond the edge's end the pair still counts, in edges
-  AlignedVector<Real> force;         ///< gradient of the energy by the gap after pull() [N]
-  AlignedVector<Real> gap;           ///< between the surfaces after pull() [m]
+struct BundleMatch {
+  int a = 0, b = 0;
+  std::array<std::int32_t, kLanes> to{}, from{};  ///< each the inverse of the other
+  std::uint32_t pairs = 0;                        ///< a bit for each lane of `a` that faces a rod
+  int first = 0, last = 0;                        ///< nodes that count: first .. last − 1
+  AlignedVector<Real> clings;  ///< part of the pull that the pair has, for its neighbours, [node][lane]
+  /// Distance of the straight rods at rest, squared, along them: a polynomial of the node's part of the
+  /// length, [3][lane] [m²].
+  AlignedVector<Real> apart;
 };
 
-/// Pairs that act, as springs between their closest points: what BundlePull::multiply needs.
+/// How the rods of a batch and of a later one, or of the same, act on each other.
 template <class Real>
-struct BundleLinks {
-  int count = 0;
-  AlignedVector<std::int32_t> a, b;  ///< as in BundlePairs
-  AlignedVector<Real> s, t;          ///< parts of the edges at which the points lie; s of crossing pairs
-  AlignedVector<Real> x, y, z;       ///< direction of the line between them
-  AlignedVector<Real> drag;          ///< stiffness in all directions, by friction [N/m]
-  AlignedVector<Real> rest;          ///< what the stiffness along the line has more than that [N/m]
+struct BundleTie {
+  int a = 0, b = 0;
+  int first_match = 0, last_match = 0;  ///< up to last_match − 1
+  AlignedVector<Real> answer;           ///< what the nodes of `b` feel, as its springs
+  std::vector<Real> stiffness;          ///< curvatures of the pairs, at common places [N/m], [place]
+  std::vector<Real> turns;              ///< see BundleBatch, of these pairs
+};
+
+/// The rods of a batch as the others see them. Lanes without a rod have no radius, far from all others.
+template <class Real>
+struct BundleBatch {
+  std::array<int, kLanes> rod{};     ///< −1: none
+  AlignedVector<Real> present;       ///< 1 or 0, [lane]
+  AlignedVector<Real> length;        ///< of an edge [m], [lane]
+  AlignedVector<Real> radius, hold;  ///< [m]; inertia and bending that hold a node [N/m], [node][lane]
+  AlignedVector<Real> rest, along;  ///< root at rest and the way to the end, handle frame [m], [3][lane]
+  AlignedVector<Real> saturation;   ///< ink as a part of what there is room for, 0..1, [node][lane]
+  AlignedVector<Real> cling;        ///< γ · cohesionEnergy · radius [J/m], [node][lane]
+  AlignedVector<Real> bridge;       ///< a rod's part of the gap that liquid bridges [m], [node][lane]
+
+  AlignedVector<Real>
+      point;  ///< where the nodes are believed to be at the end of the step [m], [node][3][lane]
+  AlignedVector<Real> way;      ///< from where they were when it began [m], [node][3][lane]
+  AlignedVector<Real> springs;  ///< see NodeSprings, [node][4][lane]
+
+  CommonPlaces<Real> places;
+  /// Pairs between points at different places resist where these are shifted differently: curvatures,
+  /// times the square of the difference, [place].
+  std::vector<Real> turns;
+  Real most_relative = 0;     ///< way of a node relative to a neighbour, squared [m²]
+  std::vector<Real> anchors;  ///< curvatures of what crosses its rods, at common places [N/m], [place]
+  AlignedVector<Real>
+      scratch;  ///< scratch: what others feel by a match, and its ties, [node][4 + 2][lane]
 };
 
 /// Cosine of the angle between edges from which they may cross unseen by nodes.
-constexpr double kCrossingCosine = 0.94;
-/// How far beyond a rod's end its last edge is felt, in edges.
-constexpr double kReachBeyondEnd = 0.25;
+constexpr double kCrossingCosine = 0.8;
 
-template <class Real>
-struct BundleBox {
-  std::array<Real, 3> low{kFar, kFar, kFar}, high{-kFar, -kFar, -kFar};
-
-  void include(const BundleBox& other) {
-    for (std::size_t i = 0; i < 3; ++i) {
-      low[i] = std::min(low[i], other.low[i]);
-      high[i] = std::max(high[i], other.high[i]);
-    }
-  }
-  void grow(Real by) {
-    for (std::size_t i = 0; i < 3; ++i) {
-      low[i] -= by;
-      high[i] += by;
-    }
-  }
-
- private:
-  static constexpr Real kFar = Real(1e9);
+/// Two edges that cross, of rods as batch · kLanes + lane.
+struct BundleCrossing {
+  std::int32_t a, edge_a, b, edge_b;
 };
 
-/// Directions no further than `angle` [rad] from an axis.
-struct BundleCone {
-  std::array<double, 3> axis{};
-  double angle = 0.0;
+/// Levels along the rods at which neighbours are looked for, at most.
+constexpr std::size_t kMostLevels = 8;
+
+/// Two rods that feel each other, as batch · kLanes + lane: a bit for each level at which they are near,
+/// and how far there is liquid between them there, 0..1.
+struct BundlePair {
+  std::int32_t b;
+  std::uint32_t near;
+  std::array<float, kMostLevels> open;
 };
 
-/// Rods in groups of neighbours, and what BundleSearch knows of them: [cluster][node or edge].
-template <class Real>
-struct BundleClusters {
-  int count = 0;
-  std::vector<std::int32_t> first_node;  ///< rod · node count, or rod_count · node count: none. [lane]
-  AlignedVector<Real> place;             ///< [m], [3][lane]
-  AlignedVector<Real> radius;            ///< [m], [lane]
-  AlignedVector<Real> reach;             ///< radius and what liquid bridges [m], [lane]
-  std::vector<BundleBox<Real>> whole, nodes, edges;
-  std::vector<BundleCone> cones;  ///< of the edges
-
-  struct Hit {
-    std::int32_t a, b;
-    Real t;
-    Real squared;  ///< distance [m²]
+/// Rods near one another at a level, some of them: those of rod a are all[begin[a]] .. all[end[a] − 1].
+struct BundleNeighbours {
+  struct Neighbour {
+    std::int32_t rod;
+    float x, y, z;      ///< to it, across the rods [m]
+    float square, gap;  ///< of that [m²]; between the surfaces [m]
   };
-  std::vector<Hit> beside, crossing;  ///< found
-
-  // Scratch.
-  std::vector<int> near, across, met, begin, next;
-  std::vector<Hit> sorted;
+  std::vector<Neighbour> all;
+  std::vector<std::size_t> begin, end;
 };
 
 /// Contact and cohesion of the rods with one another.
 ///
-/// A pair at gap g has the energy of pairEnergy(), times the length of rod that it stands for, with w
-/// from the ink of both (cohesionEnergy), the surface tension and the radius. Where many neighbours
-/// crowd around a rod they share its perimeter: together they gain no more than its whole wet surface.
-/// Rods that overlap where they are straight at rest count as touching there: bundles fill what room
-/// the ferrule leaves them.
+/// A pair at gap g has the energy of pairEnergy(), times the length of rod that the node stands for. Of
+/// rods that overlap where they are straight at rest the distance at rest counts as touching: bundles
+/// fill what room the ferrule leaves them. Liquid bridges neighbours between which nobody stands: the
+/// edges of the Gabriel graph of the cross-section (Gabriel & Sokal 1969). w follows the ink of both
+/// (cohesionEnergy), the surface tension and the radius; where more neighbours crowd around a rod than
+/// wet it all round, they share. The range a grows with the square root of the ink, for so does the
+/// width of a bridge of given cross-section.
 ///
-/// The energy is a sum over the nodes of one rod of their closest points on the other's edges: equal
-/// forces in opposite directions through one line, so neither momentum is made. Where rods cross at
-/// an angle too large for nodes to notice, the closest points of their edges take over.
+/// Where rods cross at an angle too large for nodes to notice, the closest points of their edges take
+/// over; of liquid between those there is too little to matter.
 ///
 /// A step needs from it the gradient and a curvature by each node alone, as if the others kept the
-/// place that is believed. For g > 0 the energy is concave in g², so (dE/dg)/g is a curvature that
-/// lies above it; a node of an edge takes its barycentric part of it, and the two sides of a pair
-/// twice their part, as |a − b|² ≤ 2 |a|² + 2 |b|². Rounds of such steps never raise the energy.
-/// Source: Hunter & Lange 2004, A Tutorial on MM Algorithms.
+/// place that is believed. The energy of the liquid is concave in the square of the gap, so
+/// that (dE/dg)/g is a curvature that lies above it. The contact has the curvature of the overlap, as
+/// soon as surfaces may meet within the step; a node of an edge takes its barycentric part of it, and
+/// the two sides of a pair twice their part, as |a − b|² ≤ 2 |a|² + 2 |b|². Source: Hunter & Lange 2004,
+/// A Tutorial on MM Algorithms.
 template <class Real>
 struct BundleContact {
   int rod_count = 0;
   int node_count = 0;
+  double friction = 0.0;         ///< Coulomb coefficient
+  double slip = 0.0;             ///< way in a step at which friction is fully there [m]
+  double stiffness = 0.0;        ///< contact/bundle_stiffness
+  double modulus = 0.0;          ///< contact/bundle_modulus [Pa]
+  double cohesion_range = 0.0;   ///< contact/cohesion_range
+  double surface_tension = 0.0;  ///< [N/m]
+  double margin = 0.0;  ///< by which rods may be further apart than they reach, to be listed [m]
 
-  // Constant. Per node, [rod][node], unless said otherwise.
-  AlignedVector<Real> radius;            ///< [m]
-  AlignedVector<Real> voronoi;           ///< length of rod that the node stands for [m]
-  AlignedVector<Real> hold;              ///< inertia and bending that hold it in its place [N/m]
-  AlignedVector<Real> bridge;            ///< a rod's part of the gap that liquid bridges [m], [rod]
-  std::vector<Eigen::Vector3d> root_H;   ///< of the straight rods at rest, [rod]
-  std::vector<Eigen::Vector3d> along_H;  ///< to their ends, [rod]
-  double friction = 0.0;                 ///< Coulomb coefficient
-  double slip = 0.0;                     ///< way in a step at which friction is fully there [m]
-  double stiffness = 0.0;                ///< contact/bundle_stiffness
-  double modulus = 0.0;                  ///< contact/bundle_modulus [Pa]
-  double cohesion_range = 0.0;           ///< contact/cohesion_range
-  double surface_tension = 0.0;          ///< [N/m]
+  std::vector<BundleBatch<Real>> batches;
+  std::vector<BundleMatch<Real>> matches;  ///< in the order of a, then b
+  std::vector<BundleTie<Real>> ties;       ///< in the same order
+  std::vector<int> first_tie;              ///< of batch a, and one more
+  std::vector<std::vector<int>> incoming;  ///< ties with other batches by b, [batch]
+  std::vector<BundleMatch<Real>> spare;    ///< memory of those that are gone
 
-  /// What the other rods are believed to do in the step.
-  AlignedVector<Real> point;  ///< at its end [m], quads
-  AlignedVector<Real> way;    ///< [m], quads
+  std::vector<BundleTie<Real>> spare_ties;
 
-  /// Ink as a part of what there is room for, 0..1.
-  AlignedVector<Real> saturation;
-  AlignedVector<Real> crowd;  ///< neighbours that touched when the pairs were found
-
-  BundlePairs<Real> beside, crossing;
-  BundleLinks<Real> beside_links, crossing_links;  ///< after pull()
-  // Quads, see common/quads.h, of the nodes: [rod][node][4], and those of a rod more that is not there.
-  /// Of the energy after pull() [N]; the fourth number is a curvature by this node alone that no
-  /// direction exceeds [N/m].
-  AlignedVector<Real> gradient;
-  AlignedVector<Real> move;    ///< of BundlePull::multiply [m]
-  AlignedVector<Real> answer;  ///< [N]
-
-  double energy = 0.0;  ///< of all pairs after pull() [J]
-
-  // Of the search.
-  AlignedVector<Real> found_at;  ///< `point` when the pairs were found
-  double margin = 0.0;           ///< relative motion for which they hold [m]
+  /// What the search found: rods as batch · kLanes + lane, at one of `levels`.
+  struct Hit {
+    std::int32_t a, b;
+    std::int32_t level;
+    Real x, y, z;  ///< from a to b across a [m]
+    Real gap;      ///< between their surfaces, or what is wet of them [m]
+  };
+  std::vector<int> levels;  ///< nodes at which the search looks
+  std::vector<Hit> hits;
+  std::vector<BundleCrossing> crossings;
+  std::vector<std::vector<BundlePair>> pairs, pairs_before;  ///< of rod a with those after it, [a]
+  struct Free {
+    int b;
+    std::uint32_t to, from;  ///< lanes of a match that face nobody yet
+  };
+  BundleNeighbours near;  ///< scratch, as are the three after it
+  std::vector<std::vector<std::array<std::int32_t, 2>>> by_level;
+  std::vector<Free> free;
+  std::vector<std::vector<float>> neighbours;  ///< how many a rod has at a level, [level][rod]
   std::int64_t search_count = 0;
-  BundleClusters<Real> clusters;
 
-  bool empty() const { return beside.count == 0 && crossing.count == 0; }
+  bool empty() const { return matches.empty() && crossings.empty(); }
 };
 
+/// batches: the rods in the lanes of each, at most kLanes.
 template <class Real>
-BundleContact<Real> makeBundleContact(const BrushModel& brush, const ContactParameters& parameters);
+BundleContact<Real> makeBundleContact(const BrushModel& brush, const ContactParameters& parameters,
+                                      const std::vector<std::vector<int>>& batches);
 
-/// How far nodes have moved relative to their neighbours since the pairs were found [m]: what the rods
-/// of a cluster do each by itself, or a part of what clusters do by themselves.
+/// Takes the ink of the rods, [rod · node count + node]. Returns whether it changed by what matters.
 template <class Real>
-double motionSinceSearch(const BundleContact<Real>& contact);
+bool takeInk(BundleContact<Real>& contact, const std::vector<double>& saturation);
 
-/// Makes the pairs that BundleSearch found.
+/// As if nothing had been found yet.
 template <class Real>
-void takePairs(BundleContact<Real>& contact);
+void forgetPairs(BundleContact<Real>& contact);
 
-/// Takes the ink in `saturation` into the pairs.
+/// Makes pairs and matches of what BundleSearch found, `elapsed` [s] after the last time.
 template <class Real>
-void updateCohesion(BundleContact<Real>& contact);
+void takeHits(BundleContact<Real>& contact, double elapsed);
 
 /// Which rods hang together, by pairs closer than half the range of the liquid, or touching if dry: a
 /// label for each rod, equal for rods of one group, 0 .. groups − 1 in the order of the rods. Only pairs
 /// on the last part of a rod count, from the node `first_node` on. Returns the number of groups.
 template <class Real>
-int findGroups(const BundleContact<Real>& contact, int first_node, std::vector<int>& group_of_rod);
+int findGroups(const BundleContact<Real>& contact, int first_node,
+               const std::function<Eigen::Vector3d(int rod, int node)>& position,
+               std::vector<int>& group_of_rod);
 
 }  // namespace calligraphy_brush

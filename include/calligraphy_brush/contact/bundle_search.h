@@ -1,7 +1,7 @@
 #pragma once
 
 #include <cmath>
-#include <limits>
+#include <vector>
 
 #include "calligraphy_brush/contact/bundle_contact.h"
 
@@ -9,10 +9,10 @@ namespace calligraphy_brush {
 
 /// Finds which rods are near one another.
 ///
-/// Rods that are neighbours at the root are kept in clusters of kLanes, so that one node is compared
-/// with the edges of a whole cluster at once. Boxes around what the rods of a cluster have at one place
-/// along them tell which clusters to compare, and where: a node meets few clusters, however many there
-/// are.
+/// At some levels along the rods, nodes of the same index are compared, a batch with a batch at once:
+/// lane by lane, and again with the lanes of the second turned by one, and so on. Rods that are
+/// neighbours at the root share a batch, so that balls around what a batch has at a level tell which
+/// batches to compare: few, however many there are.
 template <class V>
 class BundleSearch {
  public:
@@ -20,240 +20,254 @@ class BundleSearch {
   using Vector = Vec3<V>;
   using Mask = MaskOf<V>;
 
-  /// Pairs at contact.point into contact.found_beside and found_crossing.
-  static void find(BundleContact<Real>& contact) {
-    BundleClusters<Real>& clusters = contact.clusters;
-    clusters.beside.clear();
-    clusters.crossing.clear();
-    for (int cluster = 0; cluster < clusters.count; ++cluster) take(contact, cluster);
-    for (int one = 0; one < clusters.count; ++one)
-      for (int other = one; other < clusters.count; ++other) {
-        if (!meet(clusters.whole[index(one)], clusters.whole[index(other)])) continue;
-        findBetween(contact, one, other);
-      }
+  /// Into contact.hits and, if asked for, crossings, each pair once, at the believed points.
+  static void find(BundleContact<Real>& contact, bool with_crossings) {
+    contact.hits.clear();
+    const int batches = static_cast<int>(contact.batches.size());
+    const int levels = static_cast<int>(contact.levels.size());
+    std::vector<Ball>& balls = ballsOf(contact);
+    const auto ball = [&](int batch, int level) -> const Ball& {
+      return balls[index(batch * levels + level)];
+    };
+    for (int level = 0; level < levels; ++level)
+      for (int a = 0; a < batches; ++a)
+        for (int b = a; b < batches; ++b) {
+          const Ball &own = ball(a, level), &other = ball(b, level);
+          if (meet(own, other, contact.margin, 0.0))
+            compare(contact, a, b, contact.levels[index(level)], level, mostBetween(own, other));
+        }
+    if (!with_crossings) return;
+    contact.crossings.clear();
+    for (int a = 0; a < batches; ++a)
+      for (int b = a; b < batches; ++b)
+        for (int one = 0; one < levels; ++one)
+          for (int two = 0; two < levels; ++two) {
+            const Ball &own = ball(a, one), &other = ball(b, two);
+            if (mayCross(own, other) &&
+                meet(own, other, kCrossingMargins * contact.margin, own.half + other.half))
+              findCrossings(contact, a, b, one, two);
+          }
+  }
+
+  /// How far apart the rods of all matches are at rest.
+  static void fill(BundleContact<Real>& contact) {
+    for (BundleMatch<Real>& match : contact.matches)
+      for (int lane = 0; lane < kLanes; lane += kWidth) fillMatch(contact, match, lane);
   }
 
  private:
-  static constexpr int kWidth = widthOf<V>;
+  static constexpr int kWidth = widthOf<V>, kVector = 3 * kLanes;
+  /// Of a full batch four rods lie across: neighbours are no further apart than this part of the radii
+  /// of both, times the rods of a full batch over those that there are.
+  static constexpr double kNeighbours = 0.3;
+  static constexpr int kFew = 4;  // rods that may lie anyhow
+  static constexpr double kCrossingMargins = 2.0;
   /// Overlap of neighbouring edges, as a part of them, so that none is missed at a kink.
   static constexpr double kEdgeSlack = 0.15;
-
+  static constexpr double kFarAlong = 1.25;  // how far apart along the rods, in edges
   static std::size_t index(int i) { return static_cast<std::size_t>(i); }
-  static bool meet(const BundleBox<Real>& a, const BundleBox<Real>& b) {
-    for (std::size_t i = 0; i < 3; ++i)
-      if (a.low[i] > b.high[i] || b.low[i] > a.high[i]) return false;
-    return true;
-  }
 
-  /// Positions, boxes and directions of a cluster.
-  static void take(BundleContact<Real>& contact, int cluster) {
-    BundleClusters<Real>& clusters = contact.clusters;
-    const int n = contact.node_count;
-    const std::int32_t* first = clusters.first_node.data() + cluster * kLanes;
-    const Real far = Real(0.01) * std::sqrt(std::numeric_limits<Real>::max());
-    BundleBox<Real>& whole = clusters.whole[index(cluster)];
-    whole = BundleBox<Real>();
-    for (int node = 0; node < n; ++node) {
-      Real* place = clusters.place.data() + (cluster * n + node) * 3 * kLanes;
-      Real* reach = clusters.reach.data() + (cluster * n + node) * kLanes;
-      BundleBox<Real> box;
-      Real widest = 0;
-      for (int lane = 0; lane < kLanes; ++lane) {
-        const bool present = first[lane] < contact.rod_count * n;
-        const Real* at = contact.point.data() + 4 * (first[lane] + node);
-        for (int i = 0; i < 3; ++i) {
-          place[i * kLanes + lane] = present ? at[i] : far;
-          if (!present) continue;
-          box.low[index(i)] = at[i] < box.low[index(i)] ? at[i] : box.low[index(i)];
-          box.high[index(i)] = at[i] > box.high[index(i)] ? at[i] : box.high[index(i)];
-        }
-        reach[lane] =
-            present ? contact.radius[index(first[lane] + node)] + contact.bridge[index(first[lane] / n)]
-                    : Real(0);
-        clusters.radius[index((cluster * n + node) * kLanes + lane)] =
-            present ? contact.radius[index(first[lane] + node)] : Real(0);
-        widest = reach[lane] > widest ? reach[lane] : widest;
-      }
-      BundleBox<Real>& own = clusters.nodes[index(cluster * n + node)];
-      own = box;
-      own.grow(widest + static_cast<Real>(contact.margin));
-      whole.include(own);
-      box.grow(widest);
-      // An edge has the boxes of both its ends.
-      if (node < n - 1) clusters.edges[index(cluster * n + node)] = box;
-      if (node > 0) clusters.edges[index(cluster * n + node - 1)].include(box);
-    }
-    for (int edge = 0; edge < n - 1; ++edge) {
-      const Real* from = clusters.place.data() + (cluster * n + edge) * 3 * kLanes;
-      const Real* to = from + 3 * kLanes;
-      double mean[3] = {}, direction[kLanes][3];
-      for (int lane = 0; lane < kLanes; ++lane) {
-        double square = 0.0;
-        for (int i = 0; i < 3; ++i) {
-          direction[lane][i] = double(to[i * kLanes + lane]) - double(from[i * kLanes + lane]);
-          square += direction[lane][i] * direction[lane][i];
-        }
-        for (int i = 0; i < 3; ++i) {
-          direction[lane][i] /= std::sqrt(square) + 1e-30;
-          mean[i] += direction[lane][i];
-        }
-      }
-      const double size = std::sqrt(mean[0] * mean[0] + mean[1] * mean[1] + mean[2] * mean[2]) + 1e-30;
-      BundleCone& cone = clusters.cones[index(cluster * n + edge)];
-      double least = 1.0;
-      for (int i = 0; i < 3; ++i) cone.axis[index(i)] = mean[i] / size;
-      for (int lane = 0; lane < kLanes; ++lane) {
-        if (first[lane] >= contact.rod_count * n) continue;
-        double cosine = 0.0;
-        for (int i = 0; i < 3; ++i) cosine += direction[lane][i] * cone.axis[index(i)];
-        least = cosine < least ? cosine : least;
-      }
-      cone.angle = std::acos(least < -1.0 ? -1.0 : least);
-    }
+  /// Around what a batch has at a level, and the cone of its edges from the level before up to there.
+  struct Ball {
+    double middle[3]{};
+    double radius = 0.0;  ///< with what its rods reach
+    double spread = 0.0;  ///< without
+    double half = 0.0;    ///< length of rod from the node to either end of those edges
+    double axis[3]{};
+    double angle = 0.0;
+    int count = 0;  ///< rods
+  };
+  /// Distance of neighbours at most [m].
+  static double mostBetween(const Ball& a, const Ball& b) {
+    const int fewer = a.count < b.count ? a.count : b.count;
+    if (fewer < kFew) return 1e9;
+    return kNeighbours * (a.spread + b.spread) * kLanes / fewer;
   }
-
-  static bool mayCross(const BundleCone& a, const BundleCone& b) {
-    double cosine = 0.0;
-    for (std::size_t i = 0; i < 3; ++i) cosine += a.axis[i] * b.axis[i];
-    cosine = cosine < -1.0 ? -1.0 : cosine > 1.0 ? 1.0 : cosine;
-    const double between = std::acos(cosine), limit = std::acos(kCrossingCosine);
-    return between + a.angle + b.angle > limit;  // and never mind those that run against each other
+  static int edgesBegin(const BundleContact<Real>& contact, int level) {
+    return level == 0 ? 0 : contact.levels[index(level - 1)];
   }
-
-  static void findBetween(BundleContact<Real>& contact, int one, int other) {
-    BundleClusters<Real>& clusters = contact.clusters;
-    const int n = contact.node_count;
-    std::vector<int>&near = clusters.near, &across = clusters.across;
-    for (int node = 0; node < n; ++node) {
-      near.clear();
-      across.clear();
-      BundleBox<Real> own = clusters.edges[index(one * n + node)];
-      own.grow(static_cast<Real>(contact.margin));
-      for (int edge = 0; edge < n - 1; ++edge) {
-        const auto target = index(other * n + edge);
-        if (node > 0 && meet(clusters.nodes[index(one * n + node)], clusters.edges[target]))
-          near.push_back(edge);
-        if (node < n - 1 && meet(own, clusters.edges[target]) &&
-            mayCross(clusters.cones[index(one * n + node)], clusters.cones[target]))
-          across.push_back(edge);
-      }
-      if (near.empty() && across.empty()) continue;
-      for (int lane = 0; lane < kLanes; ++lane) {
-        const std::int32_t first = clusters.first_node[index(one * kLanes + lane)];
-        if (first >= contact.rod_count * n) continue;
-        if (!near.empty()) findBeside(contact, one, lane, node, other);
-        if (!across.empty()) findCrossing(contact, one, lane, node, other);
-      }
-    }
+  static std::vector<Ball>& ballsOf(const BundleContact<Real>& contact) {
+    thread_local std::vector<Ball> balls;  // scratch: it keeps its memory
+    const int levels = static_cast<int>(contact.levels.size());
+    balls.resize(contact.batches.size() * contact.levels.size());
+    for (std::size_t batch = 0; batch < contact.batches.size(); ++batch)
+      for (int level = 0; level < levels; ++level)
+        balls[batch * contact.levels.size() + index(level)] =
+            ballOf(contact, contact.batches[batch], level);
+    return balls;
   }
-
-  /// Rods in lanes from here on may still be paired with the rod in `lane`.
-  static CALLIGRAPHY_INLINE Mask later(int one, int lane, int other, int first) {
-    alignas(64) Real number[kWidth];
-    for (int k = 0; k < kWidth; ++k) number[k] = static_cast<Real>(first + k);
-    return load<V>(number) > broadcast<V>(static_cast<Real>(one == other ? lane : -1));
-  }
-
-  /// One edge of each rod: the nearest.
-  static void findBeside(BundleContact<Real>& contact, int one, int lane, int node, int other) {
-    BundleClusters<Real>& clusters = contact.clusters;
-    const int n = contact.node_count;
-    const Real* place = clusters.place.data() + (one * n + node) * 3 * kLanes + lane;
-    const Vector x{broadcast<V>(place[0]), broadcast<V>(place[kLanes]), broadcast<V>(place[2 * kLanes])};
-    const Real reach =
-        clusters.reach[index((one * n + node) * kLanes + lane)] + static_cast<Real>(contact.margin);
-    std::vector<int>& met = clusters.met;
-    met.clear();
-    BundleBox<Real> around;
-    for (int i = 0; i < 3; ++i) around.low[index(i)] = around.high[index(i)] = place[i * kLanes];
-    around.grow(reach);
-    for (const int edge : clusters.near)
-      if (meet(around, clusters.edges[index(other * n + edge)])) met.push_back(edge);
-    if (met.empty()) return;
-    const V own = broadcast<V>(reach);
-    const V zero{}, unit = broadcast<V>(1), none = broadcast<V>(std::numeric_limits<Real>::max());
-    for (int part = 0; part < kLanes; part += kWidth) {
-      V best = none, best_edge = zero, best_t = zero;
-      const Mask allowed = later(one, lane, other, part);
-      for (const int edge : met) {
-        const Real* at = clusters.place.data() + (other * n + edge) * 3 * kLanes + part;
-        const Real* radii = clusters.reach.data() + (other * n + edge) * kLanes + part;
-        const Vector from = Vector::loadFrom(at), along = Vector::loadFrom(at + 3 * kLanes) - from;
-        const V t = dot(x - from, along) / squaredNorm(along);
-        const V before = broadcast<V>(static_cast<Real>(edge == 0 ? 0.0 : -kEdgeSlack));
-        const V beyond =
-            broadcast<V>(static_cast<Real>(1.0 + (edge == n - 2 ? kReachBeyondEnd : kEdgeSlack)));
-        const V clamped = min(max(t, zero), unit);
-        const V squared = squaredNorm(x - (from + clamped * along));
-        const V limit = own + max(load<V>(radii), load<V>(radii + kLanes));
-        const Mask better =
-            allowed & (t >= before) & (t <= beyond) & (squared <= limit * limit) & (squared < best);
-        best = select(better, squared, best);
-        best_edge = select(better, broadcast<V>(static_cast<Real>(edge)), best_edge);
-        best_t = select(better, clamped, best_t);
-      }
-      if (!any(best < none)) continue;
-      alignas(64) Real squared[kWidth], edges[kWidth], ts[kWidth];
-      store<V>(squared, best);
-      store<V>(edges, best_edge);
-      store<V>(ts, best_t);
-      const std::int32_t* first = clusters.first_node.data() + other * kLanes + part;
-      for (int k = 0; k < kWidth; ++k)
-        if (squared[k] < std::numeric_limits<Real>::max())
-          clusters.beside.push_back({clusters.first_node[index(one * kLanes + lane)] + node,
-                                     first[k] + static_cast<int>(edges[k]), ts[k], squared[k]});
-    }
-  }
-
-  /// Liquid between rods that cross is too little to matter: these only touch.
-  static void findCrossing(BundleContact<Real>& contact, int one, int lane, int node, int other) {
-    BundleClusters<Real>& clusters = contact.clusters;
-    const int n = contact.node_count;
-    const Real* place = clusters.place.data() + (one * n + node) * 3 * kLanes + lane;
-    const Real* next = place + 3 * kLanes;
-    const Vector a{broadcast<V>(place[0]), broadcast<V>(place[kLanes]), broadcast<V>(place[2 * kLanes])};
-    const Vector e{broadcast<V>(next[0] - place[0]), broadcast<V>(next[kLanes] - place[kLanes]),
-                   broadcast<V>(next[2 * kLanes] - place[2 * kLanes])};
-    const Real* radius = clusters.radius.data() + (one * n + node) * kLanes + lane;
-    const Real reach = std::max(radius[0], radius[kLanes]) + static_cast<Real>(contact.margin);
-    std::vector<int>& met = clusters.met;
-    met.clear();
-    BundleBox<Real> around;
+  static Ball ballOf(const BundleContact<Real>& contact, const BundleBatch<Real>& rods, int level) {
+    const int node = contact.levels[index(level)];
+    const Real* point = rods.point.data() + node * kVector;
+    Ball ball;
     for (int i = 0; i < 3; ++i) {
-      around.low[index(i)] = std::min(place[i * kLanes], next[i * kLanes]);
-      around.high[index(i)] = std::max(place[i * kLanes], next[i * kLanes]);
+      double low = 1e9, high = -1e9;
+      for (int lane = 0; lane < kLanes; ++lane) {
+        if (rods.rod[index(lane)] < 0) continue;
+        const double x = double(point[i * kLanes + lane]);
+        low = x < low ? x : low;
+        high = x > high ? x : high;
+      }
+      ball.middle[i] = 0.5 * (low + high);
     }
-    around.grow(reach);
-    for (const int edge : clusters.across)
-      if (meet(around, clusters.edges[index(other * n + edge)])) met.push_back(edge);
-    if (met.empty()) return;
-    const V own = broadcast<V>(reach);
-    const V unit = broadcast<V>(1), slack = broadcast<V>(static_cast<Real>(kEdgeSlack));
-    const V square_limit = broadcast<V>(static_cast<Real>(kCrossingCosine * kCrossingCosine));
-    const V ee = squaredNorm(e);
-    for (int part = 0; part < kLanes; part += kWidth) {
-      const Mask allowed = later(one, lane, other, part);
-      for (const int edge : met) {
-        const Real* at = clusters.place.data() + (other * n + edge) * 3 * kLanes + part;
-        const Real* radii = clusters.radius.data() + (other * n + edge) * kLanes + part;
-        const Vector from = Vector::loadFrom(at), f = Vector::loadFrom(at + 3 * kLanes) - from;
-        const Vector r = a - from;
-        const V ff = squaredNorm(f), ef = dot(e, f), er = dot(e, r), fr = dot(f, r);
-        const V area = ee * ff - ef * ef;
-        const V s = (ef * fr - er * ff) / area, t = (ee * fr - ef * er) / area;
-        const V limit = own + max(load<V>(radii), load<V>(radii + kLanes));
-        const Vector d = r + s * e - t * f;
-        const Mask found = allowed & (ef * ef < square_limit * ee * ff) & (s > -slack) &
-                           (s < unit + slack) & (t > -slack) & (t < unit + slack) &
-                           (squaredNorm(d) <= limit * limit);
-        if (!any(found)) continue;
-        alignas(64) Real flags[kWidth];
-        store<V>(flags, select(found, unit, V{}));
-        const std::int32_t* first = clusters.first_node.data() + other * kLanes + part;
-        for (int k = 0; k < kWidth; ++k)
-          if (flags[k] != Real(0))
-            clusters.crossing.push_back({clusters.first_node[index(one * kLanes + lane)] + node,
-                                         first[k] + edge, Real(0.5), Real(0)});
+    const int first = edgesBegin(contact, level);
+    double directions[kLanes][3], total[3] = {};
+    for (int lane = 0; lane < kLanes; ++lane) {
+      if (rods.rod[index(lane)] < 0) continue;
+      ++ball.count;
+      double square = 0.0, length = 0.0;
+      for (int i = 0; i < 3; ++i) {
+        const double off = double(point[i * kLanes + lane]) - ball.middle[i];
+        square += off * off;
+        // From the level before to here; what bends in between bends little.
+        directions[lane][i] = double(point[i * kLanes + lane]) -
+                              double(rods.point[index(first * kVector + i * kLanes + lane)]);
+        length += directions[lane][i] * directions[lane][i];
+      }
+      for (int i = 0; i < 3; ++i) {
+        directions[lane][i] /= std::sqrt(length) + 1e-30;
+        total[i] += directions[lane][i];
+      }
+      const double edges = double(rods.length[index(lane)]) * (node - first);
+      ball.half = edges > ball.half ? edges : ball.half;
+      ball.spread = std::sqrt(square) > ball.spread ? std::sqrt(square) : ball.spread;
+      const auto at = index(node * kLanes + lane);
+      const double reach = std::sqrt(square) + double(rods.radius[at]) + double(rods.bridge[at]);
+      ball.radius = reach > ball.radius ? reach : ball.radius;
+    }
+    const double size =
+        std::sqrt(total[0] * total[0] + total[1] * total[1] + total[2] * total[2]) + 1e-30;
+    double least = 1.0;
+    for (int i = 0; i < 3; ++i) ball.axis[i] = total[i] / size;
+    for (int lane = 0; lane < kLanes; ++lane) {
+      if (rods.rod[index(lane)] < 0) continue;
+      double cosine = 0.0;
+      for (int i = 0; i < 3; ++i) cosine += directions[lane][i] * ball.axis[i];
+      least = cosine < least ? cosine : least;
+    }
+    ball.angle = std::acos(least < -1.0 ? -1.0 : least);
+    return ball;
+  }
+  static bool meet(const Ball& a, const Ball& b, double margin, double more) {
+    double square = 0.0;
+    for (int i = 0; i < 3; ++i) square += (a.middle[i] - b.middle[i]) * (a.middle[i] - b.middle[i]);
+    const double reach = a.radius + b.radius + margin + more;
+    return square < reach * reach;
+  }
+  static bool mayCross(const Ball& a, const Ball& b) {
+    double cosine = 0.0;
+    for (int i = 0; i < 3; ++i) cosine += a.axis[i] * b.axis[i];
+    cosine = cosine < -1.0 ? -1.0 : cosine > 1.0 ? 1.0 : cosine;
+    return std::acos(cosine) + a.angle + b.angle > std::acos(kCrossingCosine);
+  }
+
+  /// Edges of two batches, each from one level to the next.
+  static void findCrossings(BundleContact<Real>& contact, int a, int b, int level_a, int level_b) {
+    const BundleBatch<Real>&own = contact.batches[index(a)], &other = contact.batches[index(b)];
+    const V zero{}, one = broadcast<V>(1), slack = broadcast<V>(static_cast<Real>(kEdgeSlack));
+    const V limit_square = broadcast<V>(static_cast<Real>(kCrossingCosine * kCrossingCosine));
+    // Those that come up fast must not be past each other when they are found.
+    const V margin = broadcast<V>(static_cast<Real>(kCrossingMargins * contact.margin));
+    for (int i = edgesBegin(contact, level_a); i < contact.levels[index(level_a)]; ++i)
+      for (int j = edgesBegin(contact, level_b); j < contact.levels[index(level_b)]; ++j)
+        for (int turn = 0; turn < kLanes; ++turn) {
+          alignas(64) std::int32_t to[kLanes];
+          for (int lane = 0; lane < kLanes; ++lane) to[lane] = (lane + turn) % kLanes;
+          for (int lane = 0; lane < kLanes; lane += kWidth) {
+            const auto mine = [&](int node) {
+              return Vector::loadFrom(own.point.data() + node * kVector + lane);
+            };
+            const auto others = [&](int node) {
+              const Real* at = other.point.data() + node * kVector;
+              return Vector{pick<V>(at, to + lane), pick<V>(at + kLanes, to + lane),
+                            pick<V>(at + 2 * kLanes, to + lane)};
+            };
+            const Vector x = mine(i), e = mine(i + 1) - x, y = others(j), f = others(j + 1) - y;
+            const Vector r = x - y;
+            const V ee = squaredNorm(e), ff = squaredNorm(f), ef = dot(e, f), er = dot(e, r),
+                    fr = dot(f, r);
+            const V area = ee * ff - ef * ef;
+            const V s = (ef * fr - er * ff) / area, t = (ee * fr - ef * er) / area;
+            const V reach = margin +
+                            max(load<V>(own.radius.data() + i * kLanes + lane),
+                                load<V>(own.radius.data() + (i + 1) * kLanes + lane)) +
+                            max(pick<V>(other.radius.data() + j * kLanes, to + lane),
+                                pick<V>(other.radius.data() + (j + 1) * kLanes, to + lane));
+            const Mask found = (ef * ef < limit_square * ee * ff) & (s > -slack) & (s < one + slack) &
+                               (t > -slack) & (t < one + slack) &
+                               (squaredNorm(r + s * e - t * f) < reach * reach);
+            if (!any(found)) continue;
+            alignas(64) Real flags[kWidth];
+            store<V>(flags, select(found, one, zero));
+            for (int k = 0; k < kWidth; ++k) {
+              const int p = lane + k, q = to[lane + k];
+              if (flags[k] == Real(0) || own.rod[index(p)] < 0 || other.rod[index(q)] < 0) continue;
+              if (a == b && p >= q) continue;  // seen from the other side
+              contact.crossings.push_back({a * kLanes + p, i, b * kLanes + q, j});
+            }
+          }
+        }
+  }
+
+  static void fillMatch(BundleContact<Real>& contact, BundleMatch<Real>& match, int lane) {
+    const BundleBatch<Real>&a = contact.batches[index(match.a)], &b = contact.batches[index(match.b)];
+    const std::int32_t* to = match.to.data() + lane;
+    // Between the straight rods at rest, across them.
+    const Vector axis = Vector::loadFrom(a.along.data() + lane);
+    const V inverse = broadcast<V>(1) / squaredNorm(axis);
+    const auto across = [&](const Vector& d) { return d - (dot(d, axis) * inverse) * axis; };
+    const auto between = [&](const AlignedVector<Real>& from, const AlignedVector<Real>& field) {
+      return across(Vector{pick<V>(field.data(), to), pick<V>(field.data() + kLanes, to),
+                           pick<V>(field.data() + 2 * kLanes, to)} -
+                    Vector::loadFrom(from.data() + lane));
+    };
+    const Vector root = between(a.rest, b.rest), spread = between(a.along, b.along);
+    store<V>(match.apart.data() + lane, squaredNorm(root));
+    store<V>(match.apart.data() + kLanes + lane, broadcast<V>(2) * dot(root, spread));
+    store<V>(match.apart.data() + 2 * kLanes + lane, squaredNorm(spread));
+  }
+
+  /// Rods no further apart than `most` [m], and those that may touch.
+  static void compare(BundleContact<Real>& contact, int a, int b, int node, int level, double most) {
+    const BundleBatch<Real>&own = contact.batches[index(a)], &other = contact.batches[index(b)];
+    const Real* const point = other.point.data() + node * kVector;
+    const V margin = broadcast<V>(static_cast<Real>(contact.margin));
+    const V wide = broadcast<V>(static_cast<Real>(most));
+    for (int turn = a == b ? 1 : 0; turn < (a == b ? kLanes / 2 + 1 : kLanes); ++turn) {
+      alignas(64) std::int32_t to[kLanes];
+      for (int lane = 0; lane < kLanes; ++lane) to[lane] = (lane + turn) % kLanes;
+      for (int lane = 0; lane < kLanes; lane += kWidth) {
+        const int at = node * kLanes;
+        const Vector x = Vector::loadFrom(own.point.data() + node * kVector + lane);
+        const Vector edge = x - Vector::loadFrom(own.point.data() + (node - 1) * kVector + lane);
+        const Vector d{pick<V>(point, to + lane) - x.x, pick<V>(point + kLanes, to + lane) - x.y,
+                       pick<V>(point + 2 * kLanes, to + lane) - x.z};
+        const V along = dot(d, edge) / squaredNorm(edge);
+        const Vector across = d - along * edge;
+        const V touching = load<V>(own.radius.data() + at + lane) +
+                           pick<V>(other.radius.data() + at, to + lane) + margin;
+        const V bridge =
+            load<V>(own.bridge.data() + at + lane) + pick<V>(other.bridge.data() + at, to + lane);
+        const V reach = min(touching + bridge, max(touching, wide));
+        const V far = broadcast<V>(static_cast<Real>(kFarAlong));
+        const V square = squaredNorm(across);
+        const Mask near = (square < reach * reach) & (along < far) & (along > -far);
+        if (!any(near)) continue;
+        alignas(64) Real flags[kWidth], xs[kWidth], ys[kWidth], zs[kWidth], gaps[kWidth];
+        store<V>(flags, select(near, broadcast<V>(1), V{}));
+        store<V>(xs, across.x);
+        store<V>(ys, across.y);
+        store<V>(zs, across.z);
+        store<V>(gaps, sqrt(square) - load<V>(own.radius.data() + at + lane) -
+                           pick<V>(other.radius.data() + at, to + lane));
+        for (int k = 0; k < kWidth; ++k) {
+          if (flags[k] == Real(0)) continue;
+          const int one = lane + k, two = to[lane + k];
+          if (own.rod[index(one)] < 0 || other.rod[index(two)] < 0) continue;
+          if (a == b && turn == kLanes / 2 && one > two) continue;  // seen from the other side
+          contact.hits.push_back(
+              {a * kLanes + one, b * kLanes + two, level, xs[k], ys[k], zs[k], gaps[k]});
+        }
       }
     }
   }

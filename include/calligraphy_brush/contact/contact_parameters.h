@@ -17,8 +17,7 @@ struct ContactParameters {
   double bundle_modulus = 600.0;
   double surface_tension = 0.042;
   double cohesion_range = 1.5;
-  int coupling_rounds = 4;
-  int coupling_iterations = 12;
+  int coupling_rounds = 1;
   double coupling_tolerance = 1e-5;
 
   template <class Self, class Visit>
@@ -32,7 +31,7 @@ struct ContactParameters {
     visit("tolerance", self.tolerance, Range{1e-15, 1e-3}, "m",
           "Residual of a contact at which its multipliers are not updated again.");
     visit("paper", self.paper, "Whether there is a sheet to touch.");
-    visit("bundles", self.bundles, "Whether rods touch each other and cling by the ink they hold.");
+    visit("bundles", self.bundles, "Whether rods touch each other and cling by the ink they hold; the brush presets say so.");
     visit("bundle_friction", self.bundle_friction, Range{0.0, 10.0}, "1",
           "Coulomb coefficient of hair on hair; no measured source.");
     visit("bundle_stiffness", self.bundle_stiffness, Range{0.01, 1000.0}, "1",
@@ -46,9 +45,8 @@ struct ContactParameters {
     visit("cohesion_range", self.cohesion_range, Range{1e-4, 10.0}, "1",
           "Gap at which the ink between two rods lets go, over the sum of their radii at the root.");
     visit("coupling_rounds", self.coupling_rounds, Range{1, 1000}, "1",
-          "Most solutions of a step in which rods learn what their neighbours did.");
-    visit("coupling_iterations", self.coupling_iterations, Range{0, 1000}, "1",
-          "Most conjugate gradients that a round takes to tell what all rods will do together.");
+          "Most solutions of a step in which rods learn what their neighbours did; one is stable and "
+          "comes to rest where more do.");
     visit("coupling_tolerance", self.coupling_tolerance, Range{1e-12, 1e-3}, "m",
           "Error of where rods believe their neighbours to be at which a step is done.");
   }

@@ -11,7 +11,7 @@ namespace calligraphy_brush {
 /// How hard a step is solved.
 struct SolverSettings {
   double tolerance;            ///< error of an edge's direction [rad] at which a rod is done
-  int max_iterations;          ///< Newton iterations of a rod in a step; 0: only tells the energy
+  int max_iterations;          ///< Newton iterations of a rod in a step
   double contact_tolerance;    ///< residual of a contact [m] at which its multipliers are done
   int max_multiplier_updates;  ///< solves with better multipliers in a step; 1: once
 };
@@ -21,8 +21,7 @@ struct SolveReport {
   int iterations = 0;       ///< summed over rods
   int most_iterations = 0;  ///< of one rod
   int unconverged = 0;      ///< rods whose step is not within the tolerances
-  double energy = 0.0;   ///< [J] of the step at the shape it begins with, if that is all that is asked
-  bool refused = false;  ///< the potential's floor was crossed; the state is as it was
+  bool refused = false;     ///< the potential's floor was crossed; the state is as it was
 };
 
 /// A potential that sees single nodes, such as the sheet, has kPresent = true and
@@ -46,7 +45,8 @@ struct SolveReport {
 ///
 ///   static constexpr bool kTied;                    whether it ties the rod to others: it has
 ///                                                   addToRoot(way, gradient), what the clamp has to
-///                                                   hold besides, and RodResponse will want the pivots
+///                                                   hold besides, and addBaseHessian(node, hessian),
+///                                                   which leaves the ties out
 ///
 /// A lane that does not solve again keeps the multipliers that its last solve felt until the step has
 /// ended, so that rounds of its neighbours change nothing of it, not even the forces it reports.
@@ -131,10 +131,6 @@ class NewtonStep {
   SolveReport run(const SolverSettings& settings, const double* pivot, Real* wrench) {
     SolveReport report;
     self().predict();
-    if (settings.max_iterations == 0) {
-      for (int k = 0; k < kWidth && k < rods_here_; ++k) report.energy += double(energy_[k]);
-      return report;
-    }
     const V one = real(1);
     const Mask nobody = V{} > one;
     V iterations{};

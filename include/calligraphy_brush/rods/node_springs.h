@@ -6,7 +6,7 @@ namespace calligraphy_brush {
 
 /// Potential of the nodes of a rod whose neighbours are held where they are believed to be: for node i
 ///
-///   cᵢ·d + ½ kᵢ |d|²       d: way of the node in the step
+///   gᵢ·(d − Dᵢ) + ½ kᵢ |d − Dᵢ|²       d, D: way of the node in the step, and what is believed of it
 ///
 /// on top of the potential Base (a sheet, or none). What couples rods with one another reaches the
 /// kernel only in this form, so its Newton system keeps its structure, and the cost of a rod stays
@@ -20,12 +20,13 @@ class NodeSprings {
   using Real = RealOf<V>;
   using Mask = MaskOf<V>;
 
-  /// Numbers of a node: c as x, y, z [N], k [N/m].
+  /// Numbers of a node: g as x, y, z [N], k [N/m].
   static constexpr int kRows = 4;
 
-  /// springs: [node][kRows][lane], from the lane that `base` begins with.
-  NodeSprings(Base& base, const Real* springs)
-      : floor(floorOf(base)), below(belowOf(base)), base_(base), springs_(springs) {}
+  /// springs: [node][kRows][lane], and way: D [m], [node][3][lane], from the lane that `base` begins
+  /// with.
+  NodeSprings(Base& base, const Real* springs, const Real* way)
+      : floor(floorOf(base)), below(belowOf(base)), base_(base), springs_(springs), way_(way) {}
 
   CALLIGRAPHY_INLINE void beginPass() {
     if constexpr (Base::kPresent) base_.beginPass();
@@ -33,16 +34,17 @@ class NodeSprings {
 
   CALLIGRAPHY_INLINE V add(int node, const Vec3<V>& way, Vec3<V>& gradient) {
     const Vec3<V> constant = Vec3<V>::loadFrom(springs_ + node * kRows * kLanes);
-    const Vec3<V> bent = stiffness(node) * way;
+    const Vec3<V> off = way - Vec3<V>::loadFrom(way_ + node * 3 * kLanes);
+    const Vec3<V> bent = stiffness(node) * off;
     gradient = gradient + constant + bent;
-    V energy = dot(constant + broadcast<V>(Real(0.5)) * bent, way);
+    V energy = dot(constant + broadcast<V>(Real(0.5)) * bent, off);
     if constexpr (Base::kPresent) energy = energy + base_.add(node, way, gradient);
     return energy;
   }
 
   /// What the potential pulls the root with, which the clamp has to hold.
   CALLIGRAPHY_INLINE void addToRoot(const Vec3<V>& way, Vec3<V>& gradient) const {
-    gradient = gradient + Vec3<V>::loadFrom(springs_) + stiffness(0) * way;
+    gradient = gradient + Vec3<V>::loadFrom(springs_) + stiffness(0) * (way - Vec3<V>::loadFrom(way_));
   }
 
   CALLIGRAPHY_INLINE void addHessian(int node, Symmetric3<V>& sum) const {
@@ -50,6 +52,11 @@ class NodeSprings {
     sum.xx = sum.xx + own;
     sum.yy = sum.yy + own;
     sum.zz = sum.zz + own;
+    if constexpr (Base::kPresent) base_.addHessian(node, sum);
+  }
+
+  /// Without the springs.
+  CALLIGRAPHY_INLINE void addBaseHessian(int node, Symmetric3<V>& sum) const {
     if constexpr (Base::kPresent) base_.addHessian(node, sum);
   }
 
@@ -98,7 +105,7 @@ class NodeSprings {
   }
 
   Base& base_;
-  const Real* springs_;
+  const Real *springs_, *way_;
 };
 
 }  // namespace calligraphy_brush

@@ -1,7 +1,10 @@
 #pragma once
 
+#include <vector>
+
 #include "calligraphy_brush/brush/brush_model.h"
 #include "calligraphy_brush/common/aligned.h"
+#include "calligraphy_brush/common/common_places.h"
 #include "calligraphy_brush/common/lanes.h"
 
 /// kLanes rods with equally many nodes, side by side: lane k of every array is rod k of the batch.
@@ -45,10 +48,17 @@ struct RodBatchRoots {
 };
 
 /// Rows of an edge in RodBatchWorkspace::factor: its basis P (6 numbers), the gain U of the turn of the
-/// edge before it (4), the step k (2), the gain X of the shift of its first node (6), the pivot's
-/// inverse I (3).
+/// edge before it (4), the step k (2), the gain X of the shift of its first node (6).
 constexpr int kRodFactorBasis = 0, kRodFactorCoupling = 6, kRodFactorStep = 10, kRodFactorGain = 12,
-              kRodFactorPivot = 18, kRodFactorRows = 21;
+              kRodFactorRows = 18;
+
+/// What the rods of a batch are together at places that they have in common, rows of a place: the
+/// gradient of the step's potential by a shift of it (3 numbers, [N]), the edge that ends there (3,
+/// [m]), the stiffness of the joint before that edge against turns of its end (1, [N/m]), that of what
+/// is touched there along x, y and z (3, [N/m]), that of inertia (1, [N/m]), and that of ties between
+/// the rods against turns of the edge's end (1, [N/m]).
+constexpr int kCommonGradient = 0, kCommonEdge = 3, kCommonBend = 6, kCommonContact = 7,
+              kCommonMass = 10, kCommonTurn = 11, kCommonRows = 12;
 
 /// Scratch of the solver; its content means nothing between steps. Lanes are those of a kernel's
 /// registers, side by side: the turns that narrow ones take at a batch use the same, little memory.
@@ -58,7 +68,7 @@ struct RodBatchWorkspace {
   AlignedVector<Real> gradient;    ///< of the step's potential by node position [N], [node][3][lane]
   AlignedVector<Real> trial_edge;  ///< the shape so far, [edge][3][lane]
   AlignedVector<Real> next_edge;   ///< the shape after an update, [edge][3][lane]
-  AlignedVector<Real> factor;      ///< basis and gains of the Riccati sweep, [edge][kRodFactorRows][lane]
+  AlignedVector<Real> factor;  ///< basis and gains of the Riccati sweep, [edge][kRodFactorRows][lane]
 };
 
 /// What rods with material frames have besides. Quaternions as w, x, y, z.

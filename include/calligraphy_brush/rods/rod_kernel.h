@@ -2,7 +2,7 @@
 
 #include "calligraphy_brush/rods/bending_law.h"
 #include "calligraphy_brush/rods/newton_step.h"
-#include "calligraphy_brush/rods/rod_response.h"
+#include "calligraphy_brush/rods/rod_batch.h"
 
 namespace calligraphy_brush {
 
@@ -49,6 +49,18 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
     return kernel.run(settings, pivot, wrench);
   }
 
+  /// Adds what rods in the lanes where `present` is 1, and not 0, are together, at the shape that a step
+  /// begins with, to `sums`: [place][kCommonRows][lane of V]. Of the potential's stiffness that which
+  /// ties rods to others is left out.
+  static void sumUp(const RodBatchModel<Real>& model, const RodBatchRoots<Real>& roots,
+                    const StepCoefficientsOf<V>& step, double law, double gravity, int lane,
+                    Potential& potential, RodBatchWorkspace<Real>& workspace, RodBatchState<Real>& state,
+                    const Real* present, const CommonPlaces<Real>& places, Real* sums) {
+    RodKernel kernel(model, roots, step, law, gravity, lane, potential, workspace, state);
+    kernel.predict();
+    kernel.addUp(load<V>(present), places, lane, sums);
+  }
+
  private:
   RodKernel(const RodBatchModel<Real>& model, const RodBatchRoots<Real>& roots,
             const StepCoefficientsOf<V>& step, double law, double gravity, int lane,
@@ -57,7 +69,7 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
              workspace.next_edge.data()),
         spring_(model.spring.data() + lane),
         guess_(state.guess.empty() ? nullptr : state.guess.data() + lane),
-        factor_(workspace.factor.data() + (Potential::kTied ? lane * model.node_count * kRodFactorRows : 0)),
+        factor_(workspace.factor.data()),
         law_(real(law)),
         inverse_length_(real(1) / length_),
         inverse_length_squared_(inverse_length_ * inverse_length_),
@@ -122,15 +134,15 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
     p1 = {b, sign + t.y * t.y * a, -t.y};
   }
 
-  // Rows of an edge in factor_, see RodResponse. Where the sweep is done with a row it puts a gain
+  // Rows of an edge in factor_, see RodBatchWorkspace. Where the sweep is done with a row it puts a gain
   // there.
   static constexpr int kRow = Base::kWidth;
   static constexpr int kBasis = kRodFactorBasis * kRow;
-  static constexpr int kCoupling = kRodFactorCoupling * kRow;  // C of the edge and the one before it, then U
-  static constexpr int kOwnGradient = kRodFactorStep * kRow;   // q, then k
-  static constexpr int kOwnHessian = kRodFactorGain * kRow;    // Q, 3, then X
+  static constexpr int kCoupling =
+      kRodFactorCoupling * kRow;  // C of the edge and the one before it, then U
+  static constexpr int kOwnGradient = kRodFactorStep * kRow;  // q, then k
+  static constexpr int kOwnHessian = kRodFactorGain * kRow;   // Q, 3, then X
   static constexpr int kGain = kOwnHessian;
-  static constexpr int kPivot = kRodFactorPivot * kRow;
   static constexpr int kFactor = kRodFactorRows * kRow;
 
   /// Riccati sweep from tip to root: gains of every edge into factor_, and gᵀH⁻¹g into `decrement`.
@@ -177,12 +189,6 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
       failed = failed | !good;
       const V inverse = select(good, one / determinant, zero);
       const V I00 = H11 * inverse, I01 = -H01 * inverse, I11 = H00 * inverse;
-
-      if constexpr (Potential::kTied) {
-        store<V>(row + kPivot, I00);
-        store<V>(row + kPivot + kRow, I01);
-        store<V>(row + kPivot + 2 * kRow, I11);
-      }
 
       const V k0 = I00 * g0 + I01 * g1, k1 = I01 * g0 + I11 * g1;
       spent = spent + g0 * k0 + g1 * k1;
@@ -321,6 +327,62 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
     walk([&](int i) {
       return turned(i, turnOf(i, real(kNudge * (n_ - 1 - i) / (n_ - 1)) * length_, V{}), scale);
     });
+  }
+
+  void addUp(V present, const CommonPlaces<Real>& places, int lane, Real* sums) const {
+    const V zero{}, one = real(1);
+    const auto jointOf = [&](int i, const Vector& e, const Vector& before) {
+      const V s = squaredNorm(e - before) * inverse_length_squared_;
+      return real(2) * load<V>(spring_ + i * kLanes) * bendingTerms(s, law_).first;
+    };
+    const V joint_scale = load<V>(places.joint.data() + lane);
+    // A node's numbers go to the places around it, by the part that it has of their shifts.
+    const auto give = [&](int node, const Vector& gradient, const Vector& e, V joint) {
+      Symmetric3<V> touched{};
+      if constexpr (Potential::kTied) potential_.addBaseHessian(node, touched);
+      const V mass = inertia_ * load<V>(mass_ + node * kLanes);
+      const V place = load<V>(places.place.data() + node * kLanes + lane);
+      const auto at = static_cast<std::size_t>(node);
+      for (int to = places.first[at]; to <= places.last[at]; ++to) {
+        const V off = place - real(to);
+        const V part = present * max(zero, one - max(off, -off));
+        Real* out = sums + to * kCommonRows * kRow;
+        const auto add = [&](int row, V value) {
+          store<V>(out + row * kRow, load<V>(out + row * kRow) + part * value);
+        };
+        const auto addVector = [&](int row, const Vector& v) {
+          add(row, v.x);
+          add(row + 1, v.y);
+          add(row + 2, v.z);
+        };
+        addVector(kCommonGradient, gradient);
+        addVector(kCommonEdge, e);
+        add(kCommonBend, joint_scale * joint);
+        addVector(kCommonContact, Vector{touched.xx, touched.yy, touched.zz});
+        add(kCommonMass, mass);
+      }
+    };
+    Vector before = clamp_, e = fromScratch(trial_), gradient{}, edge_before{};
+    V joint = jointOf(0, e, before), joint_before{};
+    for (int i = 0; i < n_ - 1; ++i) {
+      Vector after{};
+      V next{};
+      if (i + 2 < n_) {
+        after = fromScratch(trial_ + (i + 1) * kScratchVector);
+        next = jointOf(i + 1, after, e);
+      }
+      // What its joints make an edge turn by: a force on its far end, against one on the near.
+      Vector b = (-joint) * before - next * after;
+      b = b - (dot(b, e) * inverse_length_squared_) * e;
+      if (i > 0) give(i, gradient - b, edge_before, joint_before);
+      gradient = fromScratch(gradient_ + (i + 1) * kScratchVector) + b;
+      edge_before = e;
+      joint_before = joint;
+      before = e;
+      e = after;
+      joint = next;
+    }
+    give(n_ - 1, gradient, edge_before, joint_before);
   }
 
   void finish(const double* pivot, Real* wrench) {

@@ -8,7 +8,7 @@
 #include "calligraphy_brush/rods/framed_kernel.h"
 #include "calligraphy_brush/rods/node_springs.h"
 #include "calligraphy_brush/rods/rod_kernel.h"
-#include "calligraphy_brush/sim/coupled_rods.h"
+#include "calligraphy_brush/sim/common_motion.h"
 
 namespace calligraphy_brush {
 
@@ -30,22 +30,24 @@ struct RodStep {
   const StepCoefficients* calm_coefficients = nullptr;  ///< for rods that ask for them
   const Real* calm = nullptr;     ///< 1 where a rod takes calm_coefficients, else 0, [lane]; may be null
   const Real* springs = nullptr;  ///< what ties the nodes to other rods, see NodeSprings; null: nothing
+  const Real* believed = nullptr;  ///< their way in it
 };
 
-/// What couples rods, in phases: BundleSearch's, BundlePull's and CoupledRods'.
+/// What couples rods, in phases: BundleSearch's, BundlePull's and CommonMotion's.
 template <class Real>
 struct Coupling {
-  void (*find)(BundleContact<Real>&);
-  void (*pull)(BundleContact<Real>&);
-  void (*multiply)(BundleContact<Real>&);
-  void (*writeSprings)(const BundleContact<Real>&, CoupledBatch<Real>&);
-  void (*believe)(BundleContact<Real>&, const RodBatchState<Real>&, CoupledBatch<Real>&);
-  void (*begin)(const BundleContact<Real>&, CoupledBatch<Real>&);
-  void (*advance)(CoupledBatch<Real>&, double);
-  void (*redirect)(BundleContact<Real>&, CoupledBatch<Real>&, double);
-  void (*answer)(const BundleContact<Real>&, CoupledBatch<Real>&);
-  void (*move)(BundleContact<Real>&, const RodBatchModel<Real>&, const RodBatchRoots<Real>&,
-               RodBatchState<Real>&, CoupledBatch<Real>&, double);
+  void (*find)(BundleContact<Real>&, bool with_crossings);
+  void (*fill)(BundleContact<Real>&);
+  void (*push)(BundleContact<Real>&, int batch);
+  void (*gather)(BundleContact<Real>&, int batch);
+  void (*cross)(BundleContact<Real>&);
+  void (*extrapolate)(double part, double relative, const RodBatchModel<Real>&,
+                      const RodBatchRoots<Real>&, RodBatchState<Real>&, BundleBatch<Real>&);
+  void (*sumUp)(const RodStep<Real>&, const Real* present, const CommonPlaces<Real>&, Real* scratch,
+                Real* sums);
+  void (*solveCommon)(CommonMotionState<Real>&);
+  void (*shift)(const RodBatchModel<Real>&, const RodBatchRoots<Real>&, RodBatchState<Real>&,
+                BundleBatch<Real>&, const Real* shifts);
 };
 
 /// A compiled form of the step for one instruction set.
@@ -79,6 +81,14 @@ extern const RodStepKernel kRodStepBaseline;
 namespace rod_step_detail {
 
 template <class V>
+StepCoefficientsOf<V> coefficientsOf(const RodStep<RealOf<V>>& step, int lane) {
+  const V nobody{};
+  return step.calm ? laneCoefficients<V>(step.coefficients, *step.calm_coefficients,
+                                         load<V>(step.calm + lane) > nobody)
+                   : laneCoefficients<V>(step.coefficients, step.coefficients, nobody > nobody);
+}
+
+template <class V>
 SolveReport solveBatch(const RodStep<RealOf<V>>& step) {
   SolveReport report;
   const auto add = [&report](const SolveReport& part) {
@@ -86,14 +96,9 @@ SolveReport solveBatch(const RodStep<RealOf<V>>& step) {
     report.most_iterations =
         part.most_iterations > report.most_iterations ? part.most_iterations : report.most_iterations;
     report.unconverged += part.unconverged;
-    report.energy += part.energy;
   };
   for (int lane = 0; lane < step.model.rod_count; lane += widthOf<V>) {
-    const V nobody{};
-    const auto coefficients =
-        step.calm ? laneCoefficients<V>(step.coefficients, *step.calm_coefficients,
-                                        load<V>(step.calm + lane) > nobody)
-                  : laneCoefficients<V>(step.coefficients, step.coefficients, nobody > nobody);
+    const StepCoefficientsOf<V> coefficients = coefficientsOf<V>(step, lane);
     const auto solveWith = [&](auto& potential) {
       if (step.framed)
         return FramedKernel<V, std::decay_t<decltype(potential)>>::solve(
@@ -106,7 +111,8 @@ SolveReport solveBatch(const RodStep<RealOf<V>>& step) {
     };
     const auto solveTied = [&](auto& potential) {
       if (!step.springs) return solveWith(potential);
-      NodeSprings<V, std::decay_t<decltype(potential)>> tied(potential, step.springs + lane);
+      NodeSprings<V, std::decay_t<decltype(potential)>> tied(potential, step.springs + lane,
+                                                             step.believed + lane);
       return solveWith(tied);
     };
     // Rods that touched nothing and end above the sheet have not met it.
@@ -125,13 +131,151 @@ SolveReport solveBatch(const RodStep<RealOf<V>>& step) {
   return report;
 }
 
+/// RodKernel::sumUp over the lanes of a batch without frames, whose rods are tied, and over them all:
+/// [place][kCommonRows]. Scratch has as many numbers a lane.
+template <class V>
+void sumUp(const RodStep<RealOf<V>>& step, const RealOf<V>* present,
+           const CommonPlaces<RealOf<V>>& places, RealOf<V>* scratch, RealOf<V>* sums) {
+  using Real = RealOf<V>;
+  const int rows = step.model.node_count * kCommonRows;
+  __builtin_memset(scratch, 0, static_cast<std::size_t>(rows * widthOf<V>) * sizeof(Real));
+  for (int lane = 0; lane < step.model.rod_count; lane += widthOf<V>) {
+    const StepCoefficientsOf<V> coefficients = coefficientsOf<V>(step, lane);
+    const auto sumWith = [&](auto& potential) {
+      using Tied = NodeSprings<V, std::decay_t<decltype(potential)>>;
+      Tied tied(potential, step.springs + lane, step.believed + lane);
+      RodKernel<V, Tied>::sumUp(step.model, step.roots, coefficients, step.law, step.gravity, lane, tied,
+                                step.workspace, step.state, present + lane, places, scratch);
+    };
+    if (step.contact && any(load<V>(step.contact->engaged.data() + lane) > V{})) {
+      PaperContact<V> contact(step.model.node_count, lane, step.state.position.data(), *step.contact);
+      sumWith(contact);
+    } else {
+      NoPotential<Real> nothing{0.0, nullptr};
+      sumWith(nothing);
+    }
+  }
+  for (int row = 0; row < rows; ++row) sums[row] = sumOf<V>(load<V>(scratch + row * widthOf<V>));
+}
+
+/// Rods go on as they did, for the part `part` of a step: what others believe of them, and the shape
+/// that the next solve begins with. Of what a rod does that its batch does not, the part `relative` is
+/// believed to go on.
+template <class V>
+void extrapolate(double part, double relative, const RodBatchModel<RealOf<V>>& model,
+                 const RodBatchRoots<RealOf<V>>& roots, RodBatchState<RealOf<V>>& state,
+                 BundleBatch<RealOf<V>>& bundle) {
+  using Real = RealOf<V>;
+  using Vector = Vec3<V>;
+  constexpr int kVector = 3 * kLanes, kWidth = widthOf<V>;
+  const V zero{}, one = broadcast<V>(1);
+  const CommonPlaces<Real>& places = bundle.places;
+  const int n = model.node_count;
+  const auto partOf = [&](int node, int place, int lane) {
+    const V off =
+        load<V>(places.place.data() + node * kLanes + lane) - broadcast<V>(static_cast<Real>(place));
+    return max(zero, one - max(off, -off));
+  };
+  // Mean ways at the common places.
+  Real* sums = bundle.scratch.data();
+  __builtin_memset(sums, 0, static_cast<std::size_t>(4 * n * kWidth) * sizeof(Real));
+  for (int lane = 0; lane < kLanes; lane += kWidth)
+    for (int node = 0; node < n; ++node) {
+      const Vector way = Vector::loadFrom(state.displacement.data() + node * kVector + lane);
+      const auto row = static_cast<std::size_t>(node);
+      for (int place = places.first[row]; place <= places.last[row]; ++place) {
+        const V weight = load<V>(bundle.present.data() + lane) * partOf(node, place, lane);
+        Real* out = sums + 4 * place * kWidth;
+        (Vector::template loadFrom<kWidth>(out) + weight * way).template storeTo<kWidth>(out);
+        store<V>(out + 3 * kWidth, load<V>(out + 3 * kWidth) + weight);
+      }
+    }
+  Real* means = sums + 4 * n * kWidth;
+  for (int place = 0; place < n; ++place) {
+    const auto sum = [&](int row) { return sumOf<V>(load<V>(sums + (4 * place + row) * kWidth)); };
+    const Real weight = sum(3);
+    for (int row = 0; row < 3; ++row)
+      means[3 * place + row] = weight > Real(0) ? sum(row) / weight : Real(0);
+  }
+
+  state.guess.resize(state.edge.size());
+  // Not by the second order of a lone rod's guess, which makes noise of neighbours louder.
+  const V scale = broadcast<V>(static_cast<Real>(part)), own = broadcast<V>(static_cast<Real>(relative));
+  for (int lane = 0; lane < kLanes; lane += kWidth) {
+    const V length = load<V>(model.edge_length.data() + lane);
+    Vector way = Vector::loadFrom(roots.displacement.data() + lane);
+    Vector point = Vector::loadFrom(roots.position.data() + lane), last = way;
+    way.storeTo(bundle.way.data() + lane);
+    point.storeTo(bundle.point.data() + lane);
+    for (int node = 1; node < n; ++node) {
+      const auto row = static_cast<std::size_t>(node);
+      Vector mean{};
+      for (int place = places.first[row]; place <= places.last[row]; ++place) {
+        const V weight = partOf(node, place, lane);
+        mean = mean + weight * Vector{broadcast<V>(means[3 * place]), broadcast<V>(means[3 * place + 1]),
+                                      broadcast<V>(means[3 * place + 2])};
+      }
+      const int at = (node - 1) * kVector + lane;
+      const Vector before = Vector::loadFrom(state.displacement.data() + node * kVector + lane);
+      const Vector next = scale * (mean + own * (before - mean));
+      const Vector old = Vector::loadFrom(state.edge.data() + at);
+      Vector e = old + (next - last);
+      last = next;
+      e = (length / sqrt(squaredNorm(e))) * e;
+      e.storeTo(state.guess.data() + at);
+      way = way + (e - old);
+      point = point + e;
+      way.storeTo(bundle.way.data() + node * kVector + lane);
+      point.storeTo(bundle.point.data() + node * kVector + lane);
+    }
+  }
+}
+
+/// Moves what is believed of a batch, and the shape that its next solve begins with, by what its rods do
+/// together: shifts [place][3].
+template <class V>
+void shift(const RodBatchModel<RealOf<V>>& model, const RodBatchRoots<RealOf<V>>& roots,
+           RodBatchState<RealOf<V>>& state, BundleBatch<RealOf<V>>& bundle, const RealOf<V>* shifts) {
+  using Real = RealOf<V>;
+  using Vector = Vec3<V>;
+  constexpr int kVector = 3 * kLanes;
+  const V zero{}, one = broadcast<V>(1);
+  const CommonPlaces<Real>& places = bundle.places;
+  for (int lane = 0; lane < kLanes; lane += widthOf<V>) {
+    const V length = load<V>(model.edge_length.data() + lane);
+    Vector way = Vector::loadFrom(roots.displacement.data() + lane), before{};
+    Vector point = Vector::loadFrom(roots.position.data() + lane);
+    for (int node = 1; node < model.node_count; ++node) {
+      const auto row = static_cast<std::size_t>(node);
+      const V place = load<V>(places.place.data() + node * kLanes + lane);
+      Vector moved{};
+      for (int from = places.first[row]; from <= places.last[row]; ++from) {
+        const V off = place - broadcast<V>(static_cast<Real>(from));
+        const V part = max(zero, one - max(off, -off));
+        const auto at = [&](int i) { return broadcast<V>(shifts[from * 3 + i]); };
+        moved = moved + part * Vector{at(0), at(1), at(2)};
+      }
+      const int at = (node - 1) * kVector + lane;
+      Vector e = Vector::loadFrom(state.guess.data() + at) + (moved - before);
+      before = moved;
+      e = (length / sqrt(squaredNorm(e))) * e;
+      e.storeTo(state.guess.data() + at);
+      way = way + (e - Vector::loadFrom(state.edge.data() + at));
+      point = point + e;
+      way.storeTo(bundle.way.data() + node * kVector + lane);
+      point.storeTo(bundle.point.data() + node * kVector + lane);
+    }
+  }
+}
+
 template <class Real, int Bytes>
 constexpr Coupling<Real> coupling() {
   using V = Lanes<Real, Bytes / static_cast<int>(sizeof(Real))>;
+  using Search = BundleSearch<V>;
   using Pull = BundlePull<V>;
-  using Rods = CoupledRods<V>;
-  return {&BundleSearch<V>::find, &Pull::pull,    &Pull::multiply, &Rods::writeSprings, &Rods::believe,
-          &Rods::begin,           &Rods::advance, &Rods::redirect, &Rods::answer,       &Rods::move};
+  return {&Search::find, &Search::fill,   &Pull::push, &Pull::gather,
+          &Pull::cross,  &extrapolate<V>, &sumUp<V>,   &CommonMotion<V>::solve,
+          &shift<V>};
 }
 
 /// The step in registers of `Bytes` bytes.

@@ -20,7 +20,6 @@ struct TuftReport {
   int most_iterations = 0;      ///< of one rod
   int unconverged = 0;          ///< rods that ended at max_iterations
   int coupling_rounds = 0;      ///< solutions in which rods learnt what their neighbours did
-  int coupling_iterations = 0;  ///< conjugate gradients between them
   double coupling_error = 0.0;  ///< largest error of what they believed in the last one [m]
 };
 
