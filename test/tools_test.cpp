@@ -350,7 +350,7 @@ TEST_F(Tools, ReplayRefusesBadInput) {
   expectRefused("stroke_replay", "a.bag missing/o.png", "cannot write missing/o.png");
   expectRefused("stroke_replay", "a.bag .", "it is a folder");
   expectRefused("stroke_replay", "a.bag o.png --brush giant",
-                "known: acrylic, dry, full, large, medium, short, small");
+                "known: acrylic, dry, full, large, medium, pointed, short, small");
   expectRefused("stroke_replay", "a.bag o.png --brush none.yaml", "no such file");
   expectRefused("stroke_replay", "a.bag o.png --brush ./bad.yaml",
                 "bad.yaml:2: brush/tip_length = 7 is outside");
@@ -392,7 +392,7 @@ TEST_F(Tools, WriterRefusesBadInput) {
   expectRefused("stroke_writer", "s.yaml --bag o.bag --rate 0", "rate = 0 is outside");
   expectRefused("stroke_writer", "s.yaml --bag o.bag --rate nan", "rate = nan is outside");
   expectRefused("stroke_writer", "s.yaml --bag o.bag --brush giant",
-                "known: acrylic, dry, full, large, medium, short, small");
+                "known: acrylic, dry, full, large, medium, pointed, short, small");
   expectRefused("stroke_writer", "--glyph g.json --size -1 --bag o.bag", "--size = -1 is outside");
   expectRefused("stroke_writer", "--glyph g.json --origin 1 --bag o.bag", "--origin needs two numbers");
   expectRefused("stroke_writer", "s.yaml --publish", "no ROS master at");

@@ -216,12 +216,14 @@ class BundleSearch {
     const Vector axis = Vector::loadFrom(a.along.data() + lane);
     const V inverse = broadcast<V>(1) / squaredNorm(axis);
     const auto across = [&](const Vector& d) { return d - (dot(d, axis) * inverse) * axis; };
-    const auto between = [&](const AlignedVector<Real>& from, const AlignedVector<Real>& field) {
-      return across(Vector{pick<V>(field.data(), to), pick<V>(field.data() + kLanes, to),
-                           pick<V>(field.data() + 2 * kLanes, to)} -
-                    Vector::loadFrom(from.data() + lane));
+    const auto other = [&](const AlignedVector<Real>& field) {
+      return Vector{pick<V>(field.data(), to), pick<V>(field.data() + kLanes, to),
+                    pick<V>(field.data() + 2 * kLanes, to)};
     };
-    const Vector root = between(a.rest, b.rest), spread = between(a.along, b.along);
+    // At equal lengths along both, however long each is.
+    const V ratio = load<V>(a.length.data() + lane) / pick<V>(b.length.data(), to);
+    const Vector root = across(other(b.rest) - Vector::loadFrom(a.rest.data() + lane));
+    const Vector spread = across(ratio * other(b.along) - axis);
     store<V>(match.apart.data() + lane, squaredNorm(root));
     store<V>(match.apart.data() + kLanes + lane, broadcast<V>(2) * dot(root, spread));
     store<V>(match.apart.data() + 2 * kLanes + lane, squaredNorm(spread));
