@@ -336,6 +336,61 @@ TEST(Bundles, DryRodsThatTouchNothingMoveAsIfAlone) {
   EXPECT_EQ(hash[0], hash[1]);
 }
 
+TEST(Bundles, BearWhatNoHandDoes) {
+  // Slammed onto the sheet, dragged, thrown 20 mm and spun, dry and wet, over steps, schemes and
+  // stiffness.
+  BrushParameters brush;
+  brush.rod_count = 40;
+  const BrushModel model = makeBrush(brush);
+  const auto pose = [](double t) {
+    Eigen::Isometry3d X = Eigen::Isometry3d::Identity();
+    const double thrown = t > 0.15 ? 0.02 : 0.0, turn = t > 0.2 ? 40.0 * (t - 0.2) : 0.0;
+    X.linear() = (Eigen::AngleAxisd(turn, Eigen::Vector3d::UnitZ()) *
+                  Eigen::AngleAxisd(0.3, Eigen::Vector3d::UnitY()))
+                     .toRotationMatrix();
+    X.translation() = Eigen::Vector3d(0.5 * std::min(t, 0.15) + thrown, 0.0, 0.05 - std::min(t, 0.02));
+    return X;
+  };
+  for (const char* scheme : {"backward_euler", "bdf2", "sdirk2"})
+    for (const double time_step : {5e-4, 1e-3, 5e-3})
+      for (const double modulus : {60.0, 600.0, 6000.0})
+        for (const double ink : {0.0, 0.01, 1.0}) {
+          Scene scene;
+          scene.brush = model;
+          scene.rods.scheme = scheme;
+          scene.rods.time_step = time_step;
+          scene.contact.paper = true;
+          scene.contact.bundle_modulus = modulus;
+          auto tuft = makeTuft(scene.brush, scene.rods, scene.contact);
+          tuft->place(pose(0.0));
+          tuft->setInk(std::vector<double>(40 * 16, ink));
+          double deepest = 0.0, longest = 0.0;
+          bool finite = true;
+          std::vector<Eigen::Vector3d> nodes;
+          const int steps = static_cast<int>(0.25 / time_step);
+          for (int step = 1; step <= steps; ++step) {
+            tuft->step(pose(step * time_step));
+            if (step % 5 != 0 && step != steps) continue;
+            for (int rod = 0; rod < 40; ++rod) {
+              tuft->readRod(rod, nodes);
+              const double edge = model.rods[std::size_t(rod)].length / 15;
+              for (std::size_t node = 1; node < nodes.size(); ++node) {
+                finite = finite && nodes[node].allFinite();
+                deepest = std::max(deepest, -nodes[node].z());
+                longest =
+                    std::max(longest, std::abs((nodes[node] - nodes[node - 1]).norm() / edge - 1.0));
+              }
+            }
+          }
+          const std::string what = std::string(scheme) + " " + std::to_string(time_step) + " s, " +
+                                   std::to_string(modulus) + " Pa, ink " + std::to_string(ink);
+          EXPECT_TRUE(finite) << what;
+          EXPECT_LT(longest, 1e-4) << what;
+          EXPECT_LT(deepest, 1.1e-3)
+              << what;  // half a millimetre and a fifth of an edge, as in `stress`
+        }
+}
+
 TEST(Bundles, ThreadsDoNotChangeABit) {
   BrushParameters brush;
   brush.rod_count = 48;
