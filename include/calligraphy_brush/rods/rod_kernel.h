@@ -1,5 +1,6 @@
 #pragma once
 
+#include "calligraphy_brush/common/orthonormal_basis.h"
 #include "calligraphy_brush/rods/bending_law.h"
 #include "calligraphy_brush/rods/newton_step.h"
 #include "calligraphy_brush/rods/rod_batch.h"
@@ -123,17 +124,6 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
     Base::lowest_ = sums.lowest;
   }
 
-  /// Unit vectors that span the plane perpendicular to unit t.
-  /// Source: Duff et al. 2017, Building an Orthonormal Basis, Revisited, listing 3.
-  static CALLIGRAPHY_INLINE void basis(const Vector& t, Vector& p0, Vector& p1) {
-    const V sign = select(t.z < V{}, real(-1), real(1));
-    const V a = real(-1) / (sign + t.z);
-    const V xa = t.x * a;
-    const V b = xa * t.y;
-    p0 = {real(1) + sign * t.x * xa, sign * b, -sign * t.x};
-    p1 = {b, sign + t.y * t.y * a, -t.y};
-  }
-
   // Rows of an edge in factor_, see RodBatchWorkspace. Where the sweep is done with a row it puts a gain
   // there.
   static constexpr int kRow = Base::kWidth;
@@ -237,7 +227,7 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
     V Q00{}, Q01{}, Q11{}, q0{}, q1{};  // of the joint at the far end of the edge
     Vector e = fromScratch(trial_ + (n_ - 2) * kScratchVector);
     Vector P0, P1;
-    basis(inverse_length_ * e, P0, P1);
+    orthonormalBasis(inverse_length_ * e, P0, P1);
     for (int i = n_ - 2;; --i) {
       Real* row = factor_ + i * kFactor;
       toScratch(P0, row + kBasis);
@@ -266,7 +256,7 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
       if (i == 0) break;
 
       Vector N0, N1;
-      basis(inverse_length_ * before, N0, N1);
+      orthonormalBasis(inverse_length_ * before, N0, N1);
       const V b0 = dot(N0, e), b1 = dot(N1, e);
       store<V>(row + kCoupling, Ba0 * b0 - A * dot(P0, N0));
       store<V>(row + kCoupling + kRow, Ba0 * b1 - A * dot(P0, N1));

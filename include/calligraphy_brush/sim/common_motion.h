@@ -4,6 +4,7 @@
 
 #include "calligraphy_brush/common/aligned.h"
 #include "calligraphy_brush/common/lanes.h"
+#include "calligraphy_brush/common/orthonormal_basis.h"
 #include "calligraphy_brush/contact/bundle_contact.h"
 #include "calligraphy_brush/rods/rod_batch.h"
 
@@ -119,15 +120,6 @@ class CommonMotion {
       }
   }
 
-  /// Unit vectors that span the plane perpendicular to unit t, as RodKernel's.
-  static CALLIGRAPHY_INLINE void basis(const Vector& t, Vector& p0, Vector& p1) {
-    const V sign = select(t.z < V{}, real(-1), real(1));
-    const V a = real(-1) / (sign + t.z);
-    const V xa = t.x * a, b = xa * t.y;
-    p0 = {real(1) + sign * t.x * xa, sign * b, -sign * t.x};
-    p1 = {b, sign + t.y * t.y * a, -t.y};
-  }
-
   /// As RodKernel::sweep and solveForUpdate, see there, for joints that resist in all directions alike.
   static void sweep(CommonMotionState<Real>& state, CommonLevel<Real>& level, int tier, int lane) {
     const int n = state.node_count;
@@ -145,7 +137,7 @@ class CommonMotion {
     const auto turnOf = [&](int edge) { return shiftOf(edge + 1) - shiftOf(edge); };
     const auto basisOf = [&](int edge, Vector& p0, Vector& p1) {
       const Vector e = vectorIn(edge + 1, kCommonEdge);
-      basis((real(1) / sqrt(squaredNorm(e) + real(1e-30))) * e, p0, p1);
+      orthonormalBasis((real(1) / sqrt(squaredNorm(e) + real(1e-30))) * e, p0, p1);
     };
     const V zero{};
     Symmetric3<V> S{};
