@@ -460,7 +460,7 @@ class TuftOf : public Tuft {
             batch.contact.stiffness[at] / static_cast<Real>(contact.stiffness);
     }
     common_.node_count = bundles_->node_count;
-    common_.factor.assign((n - 1) * 18 * kLanes, Real(0));
+    common_.factor.assign((n - 1) * kCommonFactorRows * kLanes, Real(0));
     for (int count = static_cast<int>(batches_.size());; count = (count + kJoined - 1) / kJoined) {
       CommonLevel<Real> level;
       level.count = count;

@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "calligraphy_brush/common/aligned.h"
+#include "calligraphy_brush/common/lanes.h"
 
 namespace calligraphy_brush {
 
@@ -14,5 +15,13 @@ struct CommonPlaces {
   AlignedVector<Real> joint;  ///< stiffness of the joints between places over that of the rod's, [lane]
   std::vector<int> first, last;  ///< places that the nodes of all lanes have to do with, [node]
 };
+
+/// Part of the shift of a place that a node has, in the lanes from `lane` on.
+template <class V>
+CALLIGRAPHY_INLINE V partOfPlace(const CommonPlaces<RealOf<V>>& places, int node, int place, int lane) {
+  const V off =
+      load<V>(places.place.data() + node * kLanes + lane) - broadcast<V>(static_cast<RealOf<V>>(place));
+  return max(V{}, broadcast<V>(1) - max(off, -off));
+}
 
 }  // namespace calligraphy_brush

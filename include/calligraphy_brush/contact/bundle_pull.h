@@ -380,18 +380,17 @@ class BundlePull {
   /// What ties groups of rods, at the places around a node.
   static CALLIGRAPHY_INLINE void share(const CommonPlaces<Real>& places, int node, int lane, V curvature,
                                        V apart, Real* ties, int last_place) {
-    const V zero{}, one = real(1);
+    const V zero{};
     const V place = load<V>(places.place.data() + node * kLanes + lane);
     const V turn = curvature * apart * apart;
     int last = places.last[index(node)] + 1;
     last = last < last_place ? last : last_place;
     for (int to = places.first[index(node)]; to <= last; ++to) {
-      const V off = place - real(to);
-      const V part = max(zero, one - max(off, -off));
+      const V part = partOfPlace<V>(places, node, to, lane);
       Real* sums = ties + to * 2 * kLanes + lane;
       store<V>(sums, load<V>(sums) + part * curvature);
       // Points a little apart may lie on this edge between places, and on the ones beside it.
-      const V beside = off + real(0.5);
+      const V beside = place - real(to - 0.5);
       store<V>(sums + kLanes,
                load<V>(sums + kLanes) + select(max(beside, -beside) < real(1.5), turn, zero));
     }

@@ -320,7 +320,6 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
   }
 
   void addUp(V present, const CommonPlaces<Real>& places, int lane, Real* sums) const {
-    const V zero{}, one = real(1);
     const auto jointOf = [&](int i, const Vector& e, const Vector& before) {
       const V s = squaredNorm(e - before) * inverse_length_squared_;
       return real(2) * load<V>(spring_ + i * kLanes) * bendingTerms(s, law_).first;
@@ -331,11 +330,9 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
       Symmetric3<V> touched{};
       if constexpr (Potential::kTied) potential_.addBaseHessian(node, touched);
       const V mass = inertia_ * load<V>(mass_ + node * kLanes);
-      const V place = load<V>(places.place.data() + node * kLanes + lane);
       const auto at = static_cast<std::size_t>(node);
       for (int to = places.first[at]; to <= places.last[at]; ++to) {
-        const V off = place - real(to);
-        const V part = present * max(zero, one - max(off, -off));
+        const V part = present * partOfPlace<V>(places, node, to, lane);
         Real* out = sums + to * kCommonRows * kRow;
         const auto add = [&](int row, V value) {
           store<V>(out + row * kRow, load<V>(out + row * kRow) + part * value);

@@ -12,6 +12,8 @@ namespace calligraphy_brush {
 
 /// Groups of a level that are one group of the next.
 constexpr int kJoined = 4;
+/// Numbers that a sweep keeps of an edge.
+constexpr int kCommonFactorRows = 18;
 
 /// What ties two groups at every place [N/m].
 template <class Real>
@@ -38,7 +40,7 @@ template <class Real>
 struct CommonMotionState {
   int node_count = 0;
   std::vector<CommonLevel<Real>> levels;  ///< from batches to the whole tuft
-  AlignedVector<Real> factor;             ///< scratch of a sweep, [edge][18][lane]
+  AlignedVector<Real> factor;             ///< scratch of a sweep, [edge][kCommonFactorRows][lane]
 };
 
 /// What rods that are solved one by one, each among believed neighbours, do not see: how they move
@@ -80,7 +82,7 @@ class CommonMotion {
 
  private:
   static constexpr int kWidth = widthOf<V>;
-  static constexpr int kFactor = 18 * kWidth;
+  static constexpr int kFactor = kCommonFactorRows * kWidth;
   static constexpr double kLeastPivot = 1e-6;
   static CALLIGRAPHY_INLINE std::size_t index(int i) { return static_cast<std::size_t>(i); }
   static CALLIGRAPHY_INLINE V real(double value) { return broadcast<V>(static_cast<Real>(value)); }

@@ -41,7 +41,7 @@ struct Coupling {
   void (*push)(BundleContact<Real>&, int batch);
   void (*gather)(BundleContact<Real>&, int batch);
   void (*cross)(BundleContact<Real>&);
-  void (*extrapolate)(double part, double relative, const RodBatchModel<Real>&,
+  void (*extrapolate)(double ratio, double relative, const RodBatchModel<Real>&,
                       const RodBatchRoots<Real>&, RodBatchState<Real>&, BundleBatch<Real>&);
   void (*sumUp)(const RodStep<Real>&, const Real* present, const CommonPlaces<Real>&, Real* scratch,
                 Real* sums);
@@ -158,24 +158,18 @@ void sumUp(const RodStep<RealOf<V>>& step, const RealOf<V>* present,
   for (int row = 0; row < rows; ++row) sums[row] = sumOf<V>(load<V>(scratch + row * widthOf<V>));
 }
 
-/// Rods go on as they did, for the part `part` of a step: what others believe of them, and the shape
-/// that the next solve begins with. Of what a rod does that its batch does not, the part `relative` is
-/// believed to go on.
+/// Rods go on as they did, for `ratio` of the time of their last way: what others believe of them, and
+/// the shape that the next solve begins with. Of what a rod does that its batch does not, the part
+/// `relative` is believed to go on.
 template <class V>
-void extrapolate(double part, double relative, const RodBatchModel<RealOf<V>>& model,
+void extrapolate(double ratio, double relative, const RodBatchModel<RealOf<V>>& model,
                  const RodBatchRoots<RealOf<V>>& roots, RodBatchState<RealOf<V>>& state,
                  BundleBatch<RealOf<V>>& bundle) {
   using Real = RealOf<V>;
   using Vector = Vec3<V>;
   constexpr int kVector = 3 * kLanes, kWidth = widthOf<V>;
-  const V zero{}, one = broadcast<V>(1);
   const CommonPlaces<Real>& places = bundle.places;
   const int n = model.node_count;
-  const auto partOf = [&](int node, int place, int lane) {
-    const V off =
-        load<V>(places.place.data() + node * kLanes + lane) - broadcast<V>(static_cast<Real>(place));
-    return max(zero, one - max(off, -off));
-  };
   // Mean ways at the common places.
   Real* sums = bundle.scratch.data();
   __builtin_memset(sums, 0, static_cast<std::size_t>(4 * n * kWidth) * sizeof(Real));
@@ -184,7 +178,8 @@ void extrapolate(double part, double relative, const RodBatchModel<RealOf<V>>& m
       const Vector way = Vector::loadFrom(state.displacement.data() + node * kVector + lane);
       const auto row = static_cast<std::size_t>(node);
       for (int place = places.first[row]; place <= places.last[row]; ++place) {
-        const V weight = load<V>(bundle.present.data() + lane) * partOf(node, place, lane);
+        const V weight =
+            load<V>(bundle.present.data() + lane) * partOfPlace<V>(places, node, place, lane);
         Real* out = sums + 4 * place * kWidth;
         (Vector::template loadFrom<kWidth>(out) + weight * way).template storeTo<kWidth>(out);
         store<V>(out + 3 * kWidth, load<V>(out + 3 * kWidth) + weight);
@@ -200,7 +195,8 @@ void extrapolate(double part, double relative, const RodBatchModel<RealOf<V>>& m
 
   state.guess.resize(state.edge.size());
   // Not by the second order of a lone rod's guess, which makes noise of neighbours louder.
-  const V scale = broadcast<V>(static_cast<Real>(part)), own = broadcast<V>(static_cast<Real>(relative));
+  const V scale = broadcast<V>(static_cast<Real>(ratio)),
+          own = broadcast<V>(static_cast<Real>(relative));
   for (int lane = 0; lane < kLanes; lane += kWidth) {
     const V length = load<V>(model.edge_length.data() + lane);
     Vector way = Vector::loadFrom(roots.displacement.data() + lane);
@@ -211,7 +207,7 @@ void extrapolate(double part, double relative, const RodBatchModel<RealOf<V>>& m
       const auto row = static_cast<std::size_t>(node);
       Vector mean{};
       for (int place = places.first[row]; place <= places.last[row]; ++place) {
-        const V weight = partOf(node, place, lane);
+        const V weight = partOfPlace<V>(places, node, place, lane);
         mean = mean + weight * Vector{broadcast<V>(means[3 * place]), broadcast<V>(means[3 * place + 1]),
                                       broadcast<V>(means[3 * place + 2])};
       }
@@ -239,7 +235,6 @@ void shift(const RodBatchModel<RealOf<V>>& model, const RodBatchRoots<RealOf<V>>
   using Real = RealOf<V>;
   using Vector = Vec3<V>;
   constexpr int kVector = 3 * kLanes;
-  const V zero{}, one = broadcast<V>(1);
   const CommonPlaces<Real>& places = bundle.places;
   for (int lane = 0; lane < kLanes; lane += widthOf<V>) {
     const V length = load<V>(model.edge_length.data() + lane);
@@ -247,11 +242,9 @@ void shift(const RodBatchModel<RealOf<V>>& model, const RodBatchRoots<RealOf<V>>
     Vector point = Vector::loadFrom(roots.position.data() + lane);
     for (int node = 1; node < model.node_count; ++node) {
       const auto row = static_cast<std::size_t>(node);
-      const V place = load<V>(places.place.data() + node * kLanes + lane);
       Vector moved{};
       for (int from = places.first[row]; from <= places.last[row]; ++from) {
-        const V off = place - broadcast<V>(static_cast<Real>(from));
-        const V part = max(zero, one - max(off, -off));
+        const V part = partOfPlace<V>(places, node, from, lane);
         const auto at = [&](int i) { return broadcast<V>(shifts[from * 3 + i]); };
         moved = moved + part * Vector{at(0), at(1), at(2)};
       }
