@@ -24,9 +24,6 @@ constexpr double kLiquidTime = 0.05;
 constexpr double kInkStep = 1.0 / 256.0;
 /// Gap of rods that touch, but for what the solver leaves, over the distance of their axes.
 constexpr double kTouching = 0.05;
-/// Gap below which rods may soon touch, in margins and over the distance of their axes.
-constexpr float kSoon = 0.5f;
-
 /// Saturated neighbours whose hulls together are a rod's perimeter: π/(π/2 − 1).
 constexpr double kMostNeighbours = 2.0 * kPi / (kPi - 2.0);
 
@@ -41,6 +38,21 @@ double distanceToSegment(const Eigen::Vector3d& x, const Eigen::Vector3d& root,
                          const Eigen::Vector3d& along) {
   const double t = std::clamp((x - root).dot(along) / along.squaredNorm(), 0.0, 1.0);
   return (x - root - t * along).norm();
+}
+
+/// Of straight rods at rest, across the first at a part of its length, at as much of both.
+template <class Real>
+double distanceAtRest(const BundleBatch<Real>& a, std::size_t lane_a, const BundleBatch<Real>& b,
+                      std::size_t lane_b, double part) {
+  const auto vectorOf = [](const AlignedVector<Real>& field, std::size_t lane) {
+    return Eigen::Vector3d(double(field[lane]), double(field[kLanes + lane]),
+                           double(field[2 * kLanes + lane]));
+  };
+  const Eigen::Vector3d along = vectorOf(a.along, lane_a);
+  const double ratio = double(a.length[lane_a]) / double(b.length[lane_b]);
+  const Eigen::Vector3d d = vectorOf(b.rest, lane_b) - vectorOf(a.rest, lane_a) +
+                            part * (ratio * vectorOf(b.along, lane_b) - along);
+  return (d - d.dot(along) / along.squaredNorm() * along).norm();
 }
 
 template <class Real>
@@ -132,7 +144,8 @@ void findPairs(BundleContact<Real>& contact, float change, std::vector<std::vect
         }
         // What soon may touch: as near as rods move until the next time, and no second neighbours.
         const float distance = std::sqrt(other.square) - other.gap;
-        if (!(open > 0.0f) && other.gap > kSoon * std::min(static_cast<float>(contact.margin), distance))
+        if (!(open > 0.0f) && other.gap > static_cast<float>(kSoon) *
+                                              std::min(static_cast<float>(contact.margin), distance))
           continue;
         auto& of_rod = contact.pairs[static_cast<std::size_t>(one)];
         auto pair = find(of_rod);
@@ -172,24 +185,48 @@ void findPlaces(const BrushModel& brush, BundleContact<Real>& contact) {
   }
 }
 
-/// A match in which nobody faces anybody, in memory of one that is gone if there is any.
+/// The stretches of a batch with another into packs, and a tie of those.
 template <class Real>
-BundleMatch<Real> newMatch(BundleContact<Real>& contact, int a, int b) {
-  BundleMatch<Real> match;
-  if (!contact.spare.empty()) {
-    match = std::move(contact.spare.back());
-    contact.spare.pop_back();
+void pack(BundleContact<Real>& contact, int a, int b,
+          const std::vector<typename BundleContact<Real>::Stretch>& stretches) {
+  BundleTie<Real> tie;
+  if (!contact.spare_ties.empty()) {
+    tie = std::move(contact.spare_ties.back());
+    contact.spare_ties.pop_back();
   }
-  match.a = a;
-  match.b = b;
-  match.to.fill(-1);
-  match.from.fill(-1);
-  match.pairs = 0;
-  match.first = contact.node_count;
-  match.last = 0;
-  match.clings.resize(fieldSize(contact, 1));
-  match.apart.resize(3 * kLanes);
-  return match;
+  tie.a = a;
+  tie.b = b;
+  tie.stiffness.resize(static_cast<std::size_t>(contact.node_count));
+  tie.turns.resize(static_cast<std::size_t>(contact.node_count));
+  tie.first_pack = static_cast<int>(contact.packs.size());
+  for (std::size_t first = 0; first < stretches.size(); first += kLanes) {
+    BundlePack<Real>& pack = contact.packs.emplace_back();
+    pack.count = static_cast<int>(std::min<std::size_t>(kLanes, stretches.size() - first));
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      const bool counts = lane < static_cast<std::size_t>(pack.count);
+      const auto& stretch = stretches[counts ? first + lane : first];
+      pack.one[lane] = stretch.one;
+      pack.two[lane] = stretch.two;
+      pack.level[lane] = stretch.level;
+      pack.before[lane] = static_cast<Real>(counts ? stretch.before : 0.0f);
+      pack.here[lane] = static_cast<Real>(counts ? stretch.here : 0.0f);
+    }
+  }
+  tie.last_pack = static_cast<int>(contact.packs.size());
+  const auto at = static_cast<int>(contact.ties.size());
+  contact.ties_of[static_cast<std::size_t>(b)].push_back(at);
+  // In a phase a batch meets that with which its number has a given sum.
+  contact.phases[static_cast<std::size_t>(a + b) % contact.phases.size()].push_back(at);
+  contact.ties.push_back(std::move(tie));
+}
+
+template <class Real>
+void clearPacks(BundleContact<Real>& contact) {
+  for (BundleTie<Real>& tie : contact.ties) contact.spare_ties.push_back(std::move(tie));
+  contact.packs.clear();
+  contact.ties.clear();
+  for (auto* lists : {&contact.ties_of, &contact.phases})
+    for (auto& list : *lists) list.clear();
 }
 
 }  // namespace
@@ -226,8 +263,8 @@ BundleContact<Real> makeBundleContact(const BrushModel& brush, const ContactPara
   contact.modulus = parameters.bundle_modulus;
   contact.cohesion_range = parameters.cohesion_range;
   contact.surface_tension = parameters.surface_tension;
-  const int stride = std::max(1, (n + kUsualLevels - 1) / kUsualLevels);
-  for (int node = n - 1; node >= std::max(1, stride / 2); node -= stride) contact.levels.push_back(node);
+  contact.stride = std::max(1, (n + kUsualLevels - 1) / kUsualLevels);
+  for (int node = n - 1; node >= 1; node -= contact.stride) contact.levels.push_back(node);
   std::reverse(contact.levels.begin(), contact.levels.end());
 
   double sum_radius = 0.0;
@@ -265,8 +302,13 @@ BundleContact<Real> makeBundleContact(const BrushModel& brush, const ContactPara
   // Long enough for few searches, short enough for few pairs that feel nothing.
   contact.margin = 0.75 * sum_radius / (contact.rod_count * n);
   findPlaces(brush, contact);
-  contact.first_tie.assign(batches.size() + 1, 0);
-  contact.incoming.resize(batches.size());
+  contact.ties_of.resize(batches.size());
+  contact.phases.resize(batches.size());
+  contact.stretches.resize(batches.size());
+  contact.nodes_before = contact.stride;
+  contact.records = contact.nodes_before + n + 1;
+  for (auto* field : {&contact.points, &contact.ways, &contact.pulls})
+    field->assign(batches.size() * kLanes * static_cast<std::size_t>(4 * contact.records), Real(0));
   return contact;
 }
 
@@ -297,14 +339,10 @@ bool takeInk(BundleContact<Real>& contact, const std::vector<double>& saturation
 
 template <class Real>
 void forgetPairs(BundleContact<Real>& contact) {
-  for (BundleMatch<Real>& match : contact.matches) contact.spare.push_back(std::move(match));
-  for (BundleTie<Real>& tie : contact.ties) contact.spare_ties.push_back(std::move(tie));
-  contact.matches.clear();
-  contact.ties.clear();
+  clearPacks(contact);
   contact.crossings.clear();
+  for (auto& of_rod : contact.pairs) of_rod.clear();
   contact.search_count = 0;
-  contact.first_tie.assign(contact.batches.size() + 1, 0);
-  for (auto& incoming : contact.incoming) incoming.clear();
 }
 
 template <class Real>
@@ -322,114 +360,37 @@ void takeHits(BundleContact<Real>& contact, double elapsed) {
   contact.crossings.erase(
       std::remove_if(contact.crossings.begin(), contact.crossings.end(), are_neighbours),
       contact.crossings.end());
-  for (BundleMatch<Real>& match : contact.matches) contact.spare.push_back(std::move(match));
-  for (BundleTie<Real>& tie : contact.ties) contact.spare_ties.push_back(std::move(tie));
-  contact.matches.clear();
-  contact.ties.clear();
-  const int n = contact.node_count, top = static_cast<int>(contact.levels.size()) - 1;
+
+  clearPacks(contact);
+  const int levels = static_cast<int>(contact.levels.size());
   const int batches = static_cast<int>(contact.batches.size());
-
-  // Pairs by the first level at which they are near, those that are near from far up first: so those
-  // that are only at the tip share short matches.
-  auto& by_level = contact.by_level;
-  by_level.resize(static_cast<std::size_t>(top + 1));
-  auto& free = contact.free;
   for (int a = 0; a < batches; ++a) {
-    const std::size_t begin = contact.matches.size();
-    for (auto& list : by_level) list.clear();
-    for (int lane = 0; lane < kLanes; ++lane) {
-      const auto& of_rod = contact.pairs[static_cast<std::size_t>(a * kLanes + lane)];
-      for (std::size_t i = 0; i < of_rod.size(); ++i)
-        by_level[static_cast<std::size_t>(__builtin_ctz(of_rod[i].near))].push_back(
-            {lane, static_cast<std::int32_t>(i)});
-    }
-    free.clear();
-    for (const auto& list : by_level)
-      for (const auto& [lane, place] : list) {
-        const BundlePair& pair =
-            contact.pairs[static_cast<std::size_t>(a * kLanes + lane)][static_cast<std::size_t>(place)];
-        const int b = pair.b / kLanes;
-        std::int32_t one = lane, two = pair.b % kLanes;
-        // So that within a batch all have about as many on either side.
-        if (a == b && (one + two) % 2 != 0) std::swap(one, two);
-        // The first match of the two batches in which both are free.
-        std::size_t at_match = 0;
-        while (at_match < free.size() &&
-               !(free[at_match].b == b && (free[at_match].to >> one & 1u) != 0 &&
-                 (free[at_match].from >> two & 1u) != 0))
-          ++at_match;
-        if (at_match == free.size()) {
-          free.push_back({b, ~0u, ~0u});
-          contact.matches.push_back(newMatch(contact, a, b));
+    for (auto& list : contact.stretches) list.clear();
+    // By level, so that the nodes of a pack are about as far along their rods.
+    for (int level = 0; level < levels; ++level)
+      for (int lane = 0; lane < kLanes; ++lane)
+        for (const BundlePair& pair : contact.pairs[static_cast<std::size_t>(a * kLanes + lane)]) {
+          const int before = std::max(level - 1, 0);
+          // They may touch up to where they were found not to.
+          if (!((pair.near >> level | pair.near >> before) & 1u)) continue;
+          const auto share = [&](int at) {
+            const auto& count = neighbours[static_cast<std::size_t>(at)];
+            const float most = std::max(count[static_cast<std::size_t>(a * kLanes + lane)],
+                                        count[static_cast<std::size_t>(pair.b)]);
+            return pair.open[static_cast<std::size_t>(at)] *
+                   std::min(1.0f, static_cast<float>(kMostNeighbours) / std::max(most, 1.0f));
+          };
+          const int b = pair.b / kLanes;
+          std::int32_t one = lane, two = pair.b % kLanes;
+          // So that within a batch all have about as many on either side.
+          if (a == b && (one + two) % 2 != 0) std::swap(one, two);
+          contact.stretches[static_cast<std::size_t>(b)].push_back(
+              {one, two, level, share(before), share(level)});
         }
-        free[at_match].to &= ~(1u << one);
-        free[at_match].from &= ~(1u << two);
-        BundleMatch<Real>* const match = &contact.matches[begin + at_match];
-        match->to[static_cast<std::size_t>(one)] = two;
-        match->from[static_cast<std::size_t>(two)] = one;
-        match->pairs |= 1u << one;
-        const auto at = [&](int level) { return contact.levels[static_cast<std::size_t>(level)]; };
-        const auto share = [&](int level) {
-          const auto& count = neighbours[static_cast<std::size_t>(level)];
-          const float most = std::max(count[static_cast<std::size_t>(a * kLanes + one)],
-                                      count[static_cast<std::size_t>(b * kLanes + two)]);
-          return pair.open[static_cast<std::size_t>(level)] *
-                 std::min(1.0f, static_cast<float>(kMostNeighbours) / std::max(most, 1.0f));
-        };
-        for (int level = 0; level <= top; ++level) {
-          if (!(pair.near >> level & 1u)) continue;
-          match->first = std::min(match->first, level == 0 ? 1 : at(level - 1) + 1);
-          match->last = std::max(match->last, level == top ? n : at(level + 1));
-        }
-        // In between levels by both.
-        for (int node = 1, level = 0; node < n; ++node) {
-          while (level < top && node > at(level)) ++level;
-          float part = share(level);
-          if (level > 0 && node < at(level)) {
-            const float t =
-                static_cast<float>(node - at(level - 1)) / static_cast<float>(at(level) - at(level - 1));
-            part = t * part + (1.0f - t) * share(level - 1);
-          }
-          match->clings[static_cast<std::size_t>(node * kLanes + one)] = part;
-        }
-      }
-    std::stable_sort(contact.matches.begin() + static_cast<std::ptrdiff_t>(begin), contact.matches.end(),
-                     [](const auto& x, const auto& y) { return x.b < y.b; });
+    for (int b = a; b < batches; ++b)
+      if (!contact.stretches[static_cast<std::size_t>(b)].empty())
+        pack(contact, a, b, contact.stretches[static_cast<std::size_t>(b)]);
   }
-
-  for (auto& incoming : contact.incoming) incoming.clear();
-  contact.first_tie.assign(1, 0);
-  for (std::size_t i = 0; i < contact.matches.size(); ++i) {
-    BundleMatch<Real>& match = contact.matches[i];
-    // Lanes that face nobody are faced by those that nobody faces.
-    std::int32_t other = 0;
-    for (std::size_t lane = 0; lane < kLanes; ++lane) {
-      if (match.to[lane] >= 0) continue;
-      while (match.from[static_cast<std::size_t>(other)] >= 0) ++other;
-      match.to[lane] = other;
-      match.from[static_cast<std::size_t>(other)] = static_cast<std::int32_t>(lane);
-    }
-    if (contact.ties.empty() || contact.ties.back().a != match.a || contact.ties.back().b != match.b) {
-      BundleTie<Real> tie;
-      if (!contact.spare_ties.empty()) {
-        tie = std::move(contact.spare_ties.back());
-        contact.spare_ties.pop_back();
-      }
-      tie.a = match.a;
-      tie.b = match.b;
-      tie.first_match = static_cast<int>(i);
-      tie.answer.resize(fieldSize(contact, 4));
-      tie.stiffness.resize(static_cast<std::size_t>(n));
-      tie.turns.resize(static_cast<std::size_t>(n));
-      const auto at = static_cast<int>(contact.ties.size());
-      while (static_cast<int>(contact.first_tie.size()) <= match.a) contact.first_tie.push_back(at);
-      if (match.a != match.b) contact.incoming[static_cast<std::size_t>(match.b)].push_back(at);
-      contact.ties.push_back(std::move(tie));
-    }
-    contact.ties.back().last_match = static_cast<int>(i) + 1;
-  }
-  while (static_cast<int>(contact.first_tie.size()) <= batches)
-    contact.first_tie.push_back(static_cast<int>(contact.ties.size()));
 }
 
 template <class Real>
@@ -446,24 +407,22 @@ int findGroups(const BundleContact<Real>& contact, int first_node,
     }
     return rod;
   };
-  const int n = contact.node_count;
-  for (const BundleMatch<Real>& match : contact.matches)
-    for (std::size_t lane = 0; lane < kLanes; ++lane) {
-      if (!(match.pairs >> lane & 1u)) continue;
-      const int rod_a = contact.batches[static_cast<std::size_t>(match.a)].rod[lane];
-      const int rod_b = contact.batches[static_cast<std::size_t>(match.b)]
-                            .rod[static_cast<std::size_t>(match.to[lane])];
-      for (int node = std::max(first_node, match.first); node < match.last; ++node) {
+  const int n = contact.node_count, top = static_cast<int>(contact.levels.size()) - 1;
+  for (std::size_t slot = 0; slot < contact.pairs.size(); ++slot)
+    for (const BundlePair& pair : contact.pairs[slot]) {
+      const auto lane = slot % kLanes, other = static_cast<std::size_t>(pair.b) % kLanes;
+      const BundleBatch<Real>&ours = contact.batches[slot / kLanes],
+            &others = contact.batches[static_cast<std::size_t>(pair.b) / kLanes];
+      const int rod_a = ours.rod[lane], rod_b = others.rod[other];
+      const auto at = [&](int level) { return contact.levels[static_cast<std::size_t>(level)]; };
+      const int lowest = __builtin_ctz(pair.near), highest = 31 - __builtin_clz(pair.near);
+      const int first = lowest == 0 ? 1 : at(lowest - 1) + 1;
+      const int last = highest == top ? n - 1 : at(highest + 1);
+      for (int node = std::max(first_node, first); node <= last; ++node) {
         const auto row = static_cast<std::size_t>(node * kLanes);
-        const auto other = static_cast<std::size_t>(match.to[lane]);
-        const BundleBatch<Real>&ours = contact.batches[static_cast<std::size_t>(match.a)],
-              &others = contact.batches[static_cast<std::size_t>(match.b)];
-        const double part = static_cast<double>(node) / (n - 1);
-        const double at_rest =
-            double(match.apart[lane]) +
-            part * (double(match.apart[kLanes + lane]) + part * double(match.apart[2 * kLanes + lane]));
-        const double distance = std::min(double(ours.radius[row + lane] + others.radius[row + other]),
-                                         std::sqrt(std::max(at_rest, 0.0)));
+        const double distance =
+            std::min(double(ours.radius[row + lane] + others.radius[row + other]),
+                     distanceAtRest(ours, lane, others, other, static_cast<double>(node) / (n - 1)));
         const Eigen::Vector3d x = position(rod_a, node), y = position(rod_b, node);
         double between = std::numeric_limits<double>::max();
         for (const int next : {node - 1, node + 1})

@@ -225,6 +225,7 @@ class TuftOf : public Tuft {
     if (bundles_ && takeInk(*bundles_, saturation)) {
       for (Batch& batch : batches_) wake(batch);
       moved_since_search_ = std::max(moved_since_search_, 2.0 * kLeastMargins * bundles_->margin);
+      kernel_.template coupling<Real>().fill(*bundles_);
     }
   }
   int groups(double part, std::vector<int>& group_of_rod) const override {
@@ -537,7 +538,7 @@ class TuftOf : public Tuft {
       for (const Batch& batch : batches_) report.iterations += batch.report.iterations;
     }
     Real most = 0;
-    for (const BundleBatch<Real>& bundle : bundles.batches) most = std::max(most, bundle.most_relative);
+    for (const BundleTie<Real>& tie : bundles.ties) most = std::max(most, tie.most_relative);
     moved_since_search_ += std::sqrt(double(most));
   }
 
@@ -576,7 +577,10 @@ class TuftOf : public Tuft {
     BundleContact<Real>& bundles = *bundles_;
     const Coupling<Real>& coupling = kernel_.template coupling<Real>();
     const int batches = static_cast<int>(batches_.size());
-    pool_.run(batches, [&](int batch, int) { coupling.push(bundles, batch); });
+    pool_.run(batches, [&](int batch, int) { coupling.spread(bundles, batch); });
+    for (const std::vector<int>& ties : bundles.phases)
+      pool_.run(static_cast<int>(ties.size()),
+                [&](int i, int) { coupling.push(bundles, ties[static_cast<std::size_t>(i)]); });
     pool_.run(batches, [&](int batch, int) { coupling.gather(bundles, batch); });
     coupling.cross(bundles);
     tieGroups();

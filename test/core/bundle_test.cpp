@@ -22,12 +22,13 @@ using Pull = BundlePull<V>;
 void search(BundleContact<double>& contact) {
   BundleSearch<V>::find(contact, true);
   takeHits(contact, 1.0);
-  BundleSearch<V>::fill(contact);
+  Pull::fill(contact);
 }
 
 void pull(BundleContact<double>& contact) {
   const int batches = static_cast<int>(contact.batches.size());
-  for (int batch = 0; batch < batches; ++batch) Pull::push(contact, batch);
+  for (int batch = 0; batch < batches; ++batch) Pull::spread(contact, batch);
+  for (int tie = 0; tie < static_cast<int>(contact.ties.size()); ++tie) Pull::push(contact, tie);
   for (int batch = 0; batch < batches; ++batch) Pull::gather(contact, batch);
   Pull::cross(contact);
 }
@@ -69,12 +70,8 @@ void put(AlignedVector<double>& field, int rod, int node, const Eigen::Vector3d&
     field[static_cast<std::size_t>((node * 3 + i) * kLanes + rod % kLanes)] = x[i];
 }
 bool isPair(const BundleContact<double>& contact, int a, int b) {
-  for (const auto& match : contact.matches)
-    for (const auto& [one, two] : {std::make_pair(a, b), std::make_pair(b, a)})
-      if (match.a == one / kLanes && match.b == two / kLanes &&
-          (match.pairs >> (one % kLanes) & 1u) != 0 &&
-          match.to[static_cast<std::size_t>(one % kLanes)] == two % kLanes)
-        return true;
+  for (const auto& pair : contact.pairs[static_cast<std::size_t>(std::min(a, b))])
+    if (pair.b == std::max(a, b)) return true;
   return false;
 }
 
@@ -122,7 +119,7 @@ TEST(BundlePull, ForceIsTheDerivativeOfTheEnergyOverDecadesOfGaps) {
       return Eigen::Vector3d(rod == 0 ? 0.0 : 2.0 * radius + gap - 1e-3, 0, 0);
     });
     search(contact);
-    ASSERT_EQ(contact.matches.size(), 1U) << gap;
+    ASSERT_EQ(contact.pairs[0].size(), 1U) << gap;
     pull(contact);
     const double step = std::max(1e-9, 1e-4 * std::abs(gap)), voronoi = length / 3;
     const double w = parameters.surface_tension * cohesionEnergy(1.0) * radius;
@@ -166,7 +163,7 @@ TEST(BundlePull, PairsMakeNoMomentum) {
   search(contact);
   pull(contact);
   int pairs = 0;
-  for (const auto& match : contact.matches) pairs += __builtin_popcount(match.pairs);
+  for (const auto& of_rod : contact.pairs) pairs += static_cast<int>(of_rod.size());
   ASSERT_GT(pairs, 100);
   ASSERT_GT(contact.crossings.size(), 5U);
   Eigen::Vector3d force(0, 0, 0), torque(0, 0, 0);

@@ -171,6 +171,142 @@ CALLIGRAPHY_INLINE V pick(const RealOf<V>* row, const std::int32_t* from) {
   }
 }
 
+namespace lanes_detail {
+#if defined(__SSE2__)
+/// In every 16 bytes of four vectors: the 4 × 4 numbers, transposed.
+template <class V>
+CALLIGRAPHY_INLINE void transpose(V (&rows)[4]) {
+  const auto [a, b, c, d] = rows;
+#if defined(__AVX512F__)
+  if constexpr (sizeof(V) == 64) {
+    // Masked with all lanes: see sqrt.
+    const auto low = [](auto x, auto y) {
+      return (__m512d)_mm512_maskz_unpacklo_ps(0xffff, (__m512)x, (__m512)y);
+    };
+    const auto high = [](auto x, auto y) {
+      return (__m512d)_mm512_maskz_unpackhi_ps(0xffff, (__m512)x, (__m512)y);
+    };
+    rows[0] = (V)_mm512_maskz_unpacklo_pd(0xff, low(a, b), low(c, d));
+    rows[1] = (V)_mm512_maskz_unpackhi_pd(0xff, low(a, b), low(c, d));
+    rows[2] = (V)_mm512_maskz_unpacklo_pd(0xff, high(a, b), high(c, d));
+    rows[3] = (V)_mm512_maskz_unpackhi_pd(0xff, high(a, b), high(c, d));
+  }
+#endif
+#if defined(__AVX2__)
+  if constexpr (sizeof(V) == 32) {
+    const auto low = [](auto x, auto y) { return (__m256d)_mm256_unpacklo_ps((__m256)x, (__m256)y); };
+    const auto high = [](auto x, auto y) { return (__m256d)_mm256_unpackhi_ps((__m256)x, (__m256)y); };
+    rows[0] = (V)_mm256_unpacklo_pd(low(a, b), low(c, d));
+    rows[1] = (V)_mm256_unpackhi_pd(low(a, b), low(c, d));
+    rows[2] = (V)_mm256_unpacklo_pd(high(a, b), high(c, d));
+    rows[3] = (V)_mm256_unpackhi_pd(high(a, b), high(c, d));
+  }
+#endif
+  if constexpr (sizeof(V) == 16) {
+    const auto low = [](auto x, auto y) { return (__m128d)_mm_unpacklo_ps((__m128)x, (__m128)y); };
+    const auto high = [](auto x, auto y) { return (__m128d)_mm_unpackhi_ps((__m128)x, (__m128)y); };
+    rows[0] = (V)_mm_unpacklo_pd(low(a, b), low(c, d));
+    rows[1] = (V)_mm_unpackhi_pd(low(a, b), low(c, d));
+    rows[2] = (V)_mm_unpacklo_pd(high(a, b), high(c, d));
+    rows[3] = (V)_mm_unpackhi_pd(high(a, b), high(c, d));
+  }
+}
+
+/// 16 bytes of a vector, the part `kPart`.
+template <int kPart, class V>
+CALLIGRAPHY_INLINE __m128 partOf(V value) {
+#if defined(__AVX512F__)
+  if constexpr (sizeof(V) == 64) return _mm512_maskz_extractf32x4_ps(0xf, (__m512)value, kPart);
+#endif
+#if defined(__AVX2__)
+  if constexpr (sizeof(V) == 32) return _mm256_extractf128_ps((__m256)value, kPart);
+#endif
+  if constexpr (sizeof(V) == 16) return (__m128)value;
+}
+
+template <class V>
+constexpr bool kByQuarters = sizeof(RealOf<V>) == 4 &&
+                             (sizeof(V) == 16 || sizeof(V) == 32 || sizeof(V) == 64);
+
+/// Of records of lanes k, 4 + k, 8 + k ..: one after another.
+template <class V>
+CALLIGRAPHY_INLINE V everyFourth(const float* base, const std::int32_t* at) {
+#if defined(__AVX512F__)
+  if constexpr (sizeof(V) == 64) {
+    __m512 all = _mm512_maskz_insertf32x4(0xffff, __m512{}, _mm_load_ps(base + at[0]), 0);
+    all = _mm512_maskz_insertf32x4(0xffff, all, _mm_load_ps(base + at[4]), 1);
+    all = _mm512_maskz_insertf32x4(0xffff, all, _mm_load_ps(base + at[8]), 2);
+    return (V)_mm512_maskz_insertf32x4(0xffff, all, _mm_load_ps(base + at[12]), 3);
+  }
+#endif
+#if defined(__AVX2__)
+  if constexpr (sizeof(V) == 32)
+    return (V)_mm256_insertf128_ps(_mm256_castps128_ps256(_mm_load_ps(base + at[0])),
+                                   _mm_load_ps(base + at[4]), 1);
+#endif
+  if constexpr (sizeof(V) == 16) return (V)_mm_load_ps(base + at[0]);
+}
+
+/// To where everyFourth takes them from.
+template <bool kAdd, class V>
+CALLIGRAPHY_INLINE void putEveryFourth(float* base, const std::int32_t* at, V value) {
+  const auto put = [&](int lane, __m128 part) {
+    float* record = base + at[lane];
+    _mm_store_ps(record, kAdd ? _mm_add_ps(_mm_load_ps(record), part) : part);
+  };
+  put(0, partOf<0>(value));
+  if constexpr (sizeof(V) >= 32) put(4, partOf<1>(value));
+  if constexpr (sizeof(V) >= 64) {
+    put(8, partOf<2>(value));
+    put(12, partOf<3>(value));
+  }
+}
+#endif
+
+template <bool kAdd, class V>
+CALLIGRAPHY_INLINE void putRecords(RealOf<V>* base, const std::int32_t* at, const V (&values)[4]) {
+#if defined(__SSE2__)
+  if constexpr (kByQuarters<V>) {
+    V rows[4] = {values[0], values[1], values[2], values[3]};
+    transpose<V>(rows);
+    for (int k = 0; k < 4; ++k) putEveryFourth<kAdd, V>(base, at + k, rows[k]);
+    return;
+  }
+#endif
+  alignas(64) RealOf<V> rows[4][widthOf<V>];
+  for (int i = 0; i < 4; ++i) store<V>(rows[i], values[i]);
+  for (int lane = 0; lane < widthOf<V>; ++lane)
+    for (int i = 0; i < 4; ++i)
+      base[at[lane] + i] = kAdd ? base[at[lane] + i] + rows[i][lane] : rows[i][lane];
+}
+}  // namespace lanes_detail
+
+/// Four numbers of lane k, base[at[k]] and the three after it, for all lanes: at[k] are multiples of 4.
+template <class V>
+CALLIGRAPHY_INLINE void loadRecords(const RealOf<V>* base, const std::int32_t* at, V (&values)[4]) {
+#if defined(__SSE2__)
+  if constexpr (lanes_detail::kByQuarters<V>) {
+    for (int k = 0; k < 4; ++k) values[k] = lanes_detail::everyFourth<V>(base, at + k);
+    lanes_detail::transpose<V>(values);
+    return;
+  }
+#endif
+  for (int i = 0; i < 4; ++i) {
+    alignas(64) RealOf<V> row[widthOf<V>];
+    for (int lane = 0; lane < widthOf<V>; ++lane) row[lane] = base[at[lane] + i];
+    values[i] = load<V>(row);
+  }
+}
+template <class V>
+CALLIGRAPHY_INLINE void storeRecords(RealOf<V>* base, const std::int32_t* at, const V (&values)[4]) {
+  lanes_detail::putRecords<false, V>(base, at, values);
+}
+/// Lane by lane: lanes may have the same record.
+template <class V>
+CALLIGRAPHY_INLINE void addToRecords(RealOf<V>* base, const std::int32_t* at, const V (&values)[4]) {
+  lanes_detail::putRecords<true, V>(base, at, values);
+}
+
 /// Over all lanes.
 template <class V>
 CALLIGRAPHY_INLINE RealOf<V> sumOf(V values) {

@@ -34,31 +34,37 @@ double cohesionEnergy(double saturation);
 /// k: stiffness [N/m²], w: energy of cohesion [J/m].
 double pairEnergy(double gap, double distance, double stiffness, double cohesion, double range);
 
-/// Rods of one batch that face rods of another: lane l of batch `a` faces lane to[l] of batch `b`, all
-/// along the rods. So a node meets its neighbour by a permutation of lanes, with no index to look up.
+/// Stretches of rods of a batch along which they face rods of a batch, kLanes of them: each the nodes
+/// after one level of the search up to the next.
 ///
 /// A pair is a node of the first rod and the nearest point of the two edges that meet at the second
-/// rod's node of the same index. Lanes that face nobody have no stiffness and no pull.
+/// rod's node of the same index. Lanes beyond the last stretch repeat the first one, without any force.
 template <class Real>
-struct BundleMatch {
-  int a = 0, b = 0;
-  std::array<std::int32_t, kLanes> to{}, from{};  ///< each the inverse of the other
-  std::uint32_t pairs = 0;                        ///< a bit for each lane of `a` that faces a rod
-  int first = 0, last = 0;                        ///< nodes that count: first .. last − 1
-  AlignedVector<Real> clings;  ///< part of the pull that the pair has, for its neighbours, [node][lane]
-  /// Distance of the straight rods at rest, squared, along them: a polynomial of the node's part of the
-  /// length, [3][lane] [m²].
-  AlignedVector<Real> apart;
+struct alignas(64) BundlePack {
+  std::array<Real, kLanes> before{}, here{};      ///< part of the pull that pairs have at either level
+  std::array<std::int32_t, kLanes> one{}, two{};  ///< lanes of the rods in their batches
+  std::array<std::int32_t, kLanes> level{};       ///< at which the stretch ends
+
+  // By BundlePull::fill:
+  std::array<Real, kLanes> inverse_square{};              ///< of the second rod's edges [1/m²]
+  std::array<Real, kLanes> place_one{}, place_two{};      ///< common place of the stretch's first node
+  std::array<Real, kLanes> spacing_one{}, spacing_two{};  ///< of nodes, in common places
+  std::array<Real, kLanes> ends{};  ///< 1 where the last node is the rod's end, or 0
+  std::array<std::int32_t, kLanes> record_one{},
+      record_two{};                             ///< of the first nodes, see BundleContact
+  Real low = 0, high = 0, least = 0, most = 0;  ///< of place_one and spacing_one, over all lanes
+
+  int count = 0;  ///< stretches
 };
 
 /// How the rods of a batch and of a later one, or of the same, act on each other.
 template <class Real>
 struct BundleTie {
   int a = 0, b = 0;
-  int first_match = 0, last_match = 0;  ///< up to last_match − 1
-  AlignedVector<Real> answer;           ///< what the nodes of `b` feel, as its springs
-  std::vector<Real> stiffness;          ///< curvatures of the pairs, at common places [N/m], [place]
-  std::vector<Real> turns;              ///< see BundleBatch, of these pairs
+  int first_pack = 0, last_pack = 0;  ///< up to last_pack − 1
+  std::vector<Real> stiffness;        ///< curvatures of the pairs, at common places [N/m], [place]
+  std::vector<Real> turns;            ///< see BundleBatch, of these pairs
+  Real most_relative = 0;  ///< way of a node relative to one that it faces, across it, squared [m²]
 };
 
 /// The rods of a batch as the others see them. Lanes without a rod have no radius, far from all others.
@@ -82,14 +88,15 @@ struct BundleBatch {
   /// Pairs between points at different places resist where these are shifted differently: curvatures,
   /// times the square of the difference, [place].
   std::vector<Real> turns;
-  Real most_relative = 0;     ///< way of a node relative to a neighbour, squared [m²]
-  std::vector<Real> anchors;  ///< curvatures of what crosses its rods, at common places [N/m], [place]
-  AlignedVector<Real>
-      scratch;  ///< scratch: what others feel by a match, and its ties, [node][4 + 2][lane]
+  std::vector<Real> anchors;    ///< curvatures of what crosses its rods, at common places [N/m], [place]
+  AlignedVector<Real> scratch;  ///< of the mean way, see extrapolate(), [node][4 + 2][lane]
 };
 
 /// Cosine of the angle between edges from which they may cross unseen by nodes.
 constexpr double kCrossingCosine = 0.8;
+
+/// Gap below which rods may soon touch, in margins and over the distance of their axes.
+constexpr double kSoon = 0.5;
 
 /// Two edges that cross, of rods as batch · kLanes + lane.
 struct BundleCrossing {
@@ -150,13 +157,21 @@ struct BundleContact {
   double margin = 0.0;  ///< by which rods may be further apart than they reach, to be listed [m]
 
   std::vector<BundleBatch<Real>> batches;
-  std::vector<BundleMatch<Real>> matches;  ///< in the order of a, then b
-  std::vector<BundleTie<Real>> ties;       ///< in the same order
-  std::vector<int> first_tie;              ///< of batch a, and one more
-  std::vector<std::vector<int>> incoming;  ///< ties with other batches by b, [batch]
-  std::vector<BundleMatch<Real>> spare;    ///< memory of those that are gone
+  std::vector<BundlePack<Real>> packs;
+  std::vector<BundleTie<Real>> ties;      ///< in the order of a, then b
+  std::vector<std::vector<int>> ties_of;  ///< those whose second rods are in the batch, [batch]
+  /// Ties for whom tasks may run at once: none of them have a batch in common.
+  std::vector<std::vector<int>> phases;
+  std::vector<BundleTie<Real>> spare_ties;  ///< memory of those that are gone
 
-  std::vector<BundleTie<Real>> spare_ties;
+  /// What pairs read and write of nodes: records of four numbers, those of a rod one after another,
+  /// [rod][node], from `nodes_before` before its root to one after its end.
+  int records = 0, nodes_before = 0;
+  AlignedVector<Real> points, ways;  ///< as BundleBatch's [m], and 0
+  AlignedVector<Real> pulls;         ///< gradient [N] and curvature [N/m] by all pairs of a node
+  /// Of the pairs of packs: distance of the axes where surfaces touch [m], stiffness [N/m], range of the
+  /// liquid [m], its strongest pull [N]. [pack][node of the stretch][4][lane]
+  AlignedVector<Real> terms;
 
   /// What the search found: rods as batch · kLanes + lane, at one of `levels`.
   struct Hit {
@@ -165,21 +180,22 @@ struct BundleContact {
     Real x, y, z;  ///< from a to b across a [m]
     Real gap;      ///< between their surfaces, or what is wet of them [m]
   };
-  std::vector<int> levels;  ///< nodes at which the search looks
+  int stride = 1;           ///< nodes from a level to the next, and up to the first
+  std::vector<int> levels;  ///< nodes at which the search looks: the last, and every so many before it
   std::vector<Hit> hits;
   std::vector<BundleCrossing> crossings;
   std::vector<std::vector<BundlePair>> pairs, pairs_before;  ///< of rod a with those after it, [a]
-  struct Free {
-    int b;
-    std::uint32_t to, from;  ///< lanes of a match that face nobody yet
+  BundleNeighbours near;                                     ///< scratch, as are those after it
+  /// A stretch that is to come into a pack of two batches.
+  struct Stretch {
+    std::int32_t one, two, level;
+    float before, here;
   };
-  BundleNeighbours near;  ///< scratch, as are the three after it
-  std::vector<std::vector<std::array<std::int32_t, 2>>> by_level;
-  std::vector<Free> free;
-  std::vector<std::vector<float>> neighbours;  ///< how many a rod has at a level, [level][rod]
+  std::vector<std::vector<Stretch>> stretches;  ///< of one batch with each, [batch]
+  std::vector<std::vector<float>> neighbours;   ///< how many a rod has at a level, [level][rod]
   std::int64_t search_count = 0;
 
-  bool empty() const { return matches.empty() && crossings.empty(); }
+  bool empty() const { return packs.empty() && crossings.empty(); }
 };
 
 /// batches: the rods in the lanes of each, at most kLanes.
@@ -195,7 +211,7 @@ bool takeInk(BundleContact<Real>& contact, const std::vector<double>& saturation
 template <class Real>
 void forgetPairs(BundleContact<Real>& contact);
 
-/// Makes pairs and matches of what BundleSearch found, `elapsed` [s] after the last time.
+/// Makes pairs and packs of what BundleSearch found, `elapsed` [s] after the last time.
 template <class Real>
 void takeHits(BundleContact<Real>& contact, double elapsed);
 

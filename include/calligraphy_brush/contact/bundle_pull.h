@@ -7,8 +7,9 @@
 
 namespace calligraphy_brush {
 
-/// Gradients and curvatures of the contact and cohesion of rods, in phases for the batches to take in
-/// parallel: push() all, then gather() all.
+/// Gradients and curvatures of the contact and cohesion of rods, in phases: fill() when pairs or ink
+/// have changed, spread() all batches, push() the ties of one of BundleContact::phases after another,
+/// gather() all batches. Within each, tasks may run in parallel.
 template <class V>
 class BundlePull {
  public:
@@ -16,40 +17,81 @@ class BundlePull {
   using Vector = Vec3<V>;
   using Mask = MaskOf<V>;
 
-  /// The pairs whose first rod is in the batch, at the believed `point` and `way`: what its nodes feel
-  /// into its springs, what those of others feel into the ties.
-  static void push(BundleContact<Real>& contact, int batch) {
-    BundleBatch<Real>& own = contact.batches[index(batch)];
-    clear(own.springs);
-    clear(own.turns);
-    own.most_relative = 0;
-    for (int i = contact.first_tie[index(batch)]; i < contact.first_tie[index(batch) + 1]; ++i) {
-      BundleTie<Real>& tie = contact.ties[index(i)];
-      clear(tie.stiffness);
-      clear(tie.turns);
-      const bool is_own = tie.a == tie.b;
-      if (!is_own) clear(tie.answer);
-      for (int m = tie.first_match; m < tie.last_match; ++m)
-        pushMatch(contact, own, contact.matches[index(m)], tie, is_own ? own.springs : tie.answer);
-      if (is_own) add(tie.turns, Real(1), own.turns);
+  /// What the pairs of all packs are made of.
+  static void fill(BundleContact<Real>& contact) {
+    contact.terms.resize(contact.packs.size() * index(contact.stride) * kTerms);
+    for (const BundleTie<Real>& tie : contact.ties)
+      for (int p = tie.first_pack; p < tie.last_pack; ++p) {
+        fillPack(contact, tie, contact.packs[index(p)]);
+        for (int step = 0; step < contact.stride; ++step)
+          for (int lane = 0; lane < kLanes; lane += kWidth) fillTerms(contact, tie, p, step, lane);
+      }
+  }
+
+  /// The nodes of a batch at the believed `point` and `way` into records, and nothing that pulls them.
+  static void spread(BundleContact<Real>& contact, int batch) {
+    const BundleBatch<Real>& own = contact.batches[index(batch)];
+    const int size = 4 * contact.records;
+    const std::size_t first = index(batch * kLanes) * index(size);
+    __builtin_memset(contact.pulls.data() + first, 0, index(size * kLanes) * sizeof(Real));
+    std::int32_t at[kLanes];
+    for (int lane = 0; lane < kLanes; ++lane) at[lane] = lane * size;
+    for (int record = 0; record < contact.records; ++record) {
+      const int node = std::clamp(record - contact.nodes_before, 0, contact.node_count - 1);
+      for (int lane = 0; lane < kLanes; lane += kWidth) {
+        const auto put = [&](const AlignedVector<Real>& field, AlignedVector<Real>& records) {
+          const Vector x = Vector::loadFrom(field.data() + node * kVector + lane);
+          const V values[4] = {x.x, x.y, x.z, V{}};
+          storeRecords<V>(records.data() + first + index(4 * record), at + lane, values);
+        };
+        put(own.point, contact.points);
+        put(own.way, contact.ways);
+      }
     }
   }
 
-  /// Adds what the batch's rods feel by other batches. Then its springs are what NodeSprings wants.
+  /// The pairs of a tie.
+  static void push(BundleContact<Real>& contact, int tie_index) {
+    BundleTie<Real>& tie = contact.ties[index(tie_index)];
+    const int n = contact.node_count;
+    thread_local AlignedVector<Real> sums;  // curvatures and turns, [place][2][lane]
+    sums.assign(index(2 * n * kWidth), Real(0));
+    V most{};
+    for (int p = tie.first_pack; p < tie.last_pack; ++p)
+      for (int lane = 0; lane < contact.packs[index(p)].count; lane += kWidth)
+        pushLanes(contact, p, lane, sums.data(), most);
+    for (int place = 0; place < n; ++place) {
+      tie.stiffness[index(place)] = sumOf<V>(load<V>(sums.data() + 2 * place * kWidth));
+      tie.turns[index(place)] = sumOf<V>(load<V>(sums.data() + (2 * place + 1) * kWidth));
+    }
+    alignas(64) Real largest[kWidth];
+    store<V>(largest, most);
+    tie.most_relative = *std::max_element(largest, largest + kWidth);
+  }
+
+  /// What the batch's rods feel by all pairs, as NodeSprings wants it.
   static void gather(BundleContact<Real>& contact, int batch) {
     BundleBatch<Real>& own = contact.batches[index(batch)];
-    for (const int i : contact.incoming[index(batch)]) {
-      const BundleTie<Real>& tie = contact.ties[index(i)];
-      add(tie.answer, Real(1), own.springs);
-      // Such a pair is stretched both by the difference of places and by that of the shifts.
-      add(tie.turns, Real(2), own.turns);
-    }
-    // Twice the curvature by a node alone: then the sum over all nodes lies above the energy.
+    const int size = 4 * contact.records;
+    std::int32_t at[kLanes];
+    for (int lane = 0; lane < kLanes; ++lane) at[lane] = lane * size;
+    const Real* pulls = contact.pulls.data() + index(batch * kLanes) * index(size);
     for (int node = 0; node < contact.node_count; ++node)
       for (int lane = 0; lane < kLanes; lane += kWidth) {
-        Real* curvature = own.springs.data() + node * kSpring + 3 * kLanes + lane;
-        store<V>(curvature, load<V>(curvature) + load<V>(curvature));
+        V pull[4];
+        loadRecords<V>(pulls + 4 * (contact.nodes_before + node), at + lane, pull);
+        Real* springs = own.springs.data() + node * kSpring + lane;
+        Vector{pull[0], pull[1], pull[2]}.storeTo(springs);
+        // Twice the curvature by a node alone: then the sum over all nodes lies above the energy.
+        store<V>(springs + 3 * kLanes, pull[3] + pull[3]);
       }
+    clear(own.turns);
+    for (const int i : contact.ties_of[index(batch)]) {
+      const BundleTie<Real>& tie = contact.ties[index(i)];
+      // A pair with another batch is stretched by the difference of places and by that of the shifts.
+      const Real part = tie.a == tie.b ? Real(1) : Real(2);
+      for (std::size_t k = 0; k < own.turns.size(); ++k) own.turns[k] += part * tie.turns[k];
+    }
   }
 
   /// Adds what edges that cross do to each other, after all batches have gathered.
@@ -58,21 +100,19 @@ class BundlePull {
     for (const BundleCrossing& crossing : contact.crossings) pushCrossing(contact, crossing);
   }
 
-  /// Of all pairs at the believed points, friction left out [J].
+  /// Of all pairs at the spread points, friction left out [J].
   static double energy(const BundleContact<Real>& contact) {
     double sum = 0.0;
-    for (const BundleMatch<Real>& match : contact.matches)
+    for (int p = 0; p < static_cast<int>(contact.packs.size()); ++p)
       for (int lane = 0; lane < kLanes; lane += kWidth) {
-        const PairOf pair(contact, match, lane);
-        for (int node = match.first; node < match.last; ++node) {
-          const bool is_end = node + 1 == contact.node_count;
-          const auto other = [&](int at) {
-            return pickVector(pair.b.point.data() + at * kVector, pair.to);
+        const Face face(contact, p, lane);
+        for (int step = 0; step < contact.stride; ++step) {
+          const auto two = [&](int shift) {
+            return face.vectorAt(contact.points, face.two, step + shift);
           };
-          const Facing facing(Vector::loadFrom(pair.a.point.data() + node * kVector + lane),
-                              other(node - 1), other(node), other(is_end ? node : node + 1), is_end,
-                              pair.inverse_square);
-          sum += double(sumOf<V>(pairTerms(contact, match, pair, node, lane, facing).energy));
+          const Facing facing(face.vectorAt(contact.points, face.one, step), two(-1), two(0), two(1),
+                              face.endsAt(step), face.inverse_square);
+          sum += double(sumOf<V>(Terms(contact, p, step, lane, facing).energy));
         }
       }
     return sum;
@@ -82,34 +122,58 @@ class BundlePull {
   static constexpr int kWidth = widthOf<V>, kVector = 3 * kLanes, kSpring = 4 * kLanes;
   static CALLIGRAPHY_INLINE std::size_t index(int i) { return static_cast<std::size_t>(i); }
   static CALLIGRAPHY_INLINE V real(double value) { return broadcast<V>(static_cast<Real>(value)); }
-  static CALLIGRAPHY_INLINE Vector pickVector(const Real* rows, const std::int32_t* from) {
-    return {pick<V>(rows, from), pick<V>(rows + kLanes, from), pick<V>(rows + 2 * kLanes, from)};
-  }
+  static constexpr std::size_t kTerms = 4 * kLanes;
 
   /// Gap of surfaces that may touch at any moment, over the distance of the axes.
   static constexpr double kNearlyTouching = 0.1;
   /// How far beyond a rod's end its last edge is felt, in edges.
   static constexpr double kReachBeyondEnd = 0.25;
 
+  /// Lanes of a pack.
+  struct Face {
+    CALLIGRAPHY_INLINE Face(const BundleContact<Real>& contact, int pack_index, int lane)
+        : pack(contact.packs[index(pack_index)]),
+          one(pack.record_one.data() + lane),
+          two(pack.record_two.data() + lane),
+          inverse_square(load<V>(pack.inverse_square.data() + lane)),
+          ends(load<V>(pack.ends.data() + lane)),
+          last(contact.stride - 1) {}
+    /// Of the node after so many steps from the stretch's first.
+    static CALLIGRAPHY_INLINE Vector vectorAt(const AlignedVector<Real>& records, const std::int32_t* at,
+                                              int step) {
+      V values[4];
+      loadRecords<V>(records.data() + 4 * step, at, values);
+      return {values[0], values[1], values[2]};
+    }
+    CALLIGRAPHY_INLINE Mask endsAt(int step) const { return (step == last ? ends : V{}) > V{}; }
+
+    const BundlePack<Real>& pack;
+    const std::int32_t *one, *two;
+    V inverse_square, ends;
+    int last;
+  };
+
   /// A node and the nearest point of the two edges that meet at the other rod's node.
   struct Facing {
     CALLIGRAPHY_INLINE Facing(const Vector& x, const Vector& before, const Vector& at,
-                              const Vector& after, bool is_end, V inverse_square) {
+                              const Vector& after, Mask is_end, V inverse_square) {
       const V zero{}, one = real(1);
-      const Vector r = x - at, back = before - at, on = is_end ? at - before : after - at;
+      const Vector r = x - at, back = before - at, on = select(is_end, at - before, after - at);
       const V t_on = dot(r, on) * inverse_square, t_back = dot(r, back) * inverse_square;
       forward = t_on > t_back;
       const V ahead = max(t_on, t_back);
-      const V most = is_end ? select(forward, zero, one) : one;
+      const V most = select(is_end & forward, zero, one);
       t = min(max(ahead, zero), most);
       // Beyond the last edge, or beyond the edges that are looked at, it fades out.
       part = min(one, max(zero, one - (ahead - most) * real(1.0 / kReachBeyondEnd)));
-      const Vector d = r - t * select(forward, on, back);
+      edge = select(forward, on, back);
+      const Vector d = r - t * edge;
       length = sqrt(squaredNorm(d) + real(1e-24));
       n = (one / length) * d;
     }
 
     Mask forward;  ///< on the edge after the node
+    Vector edge;   ///< from the node
     V t;           ///< part of that edge
     V part;        ///< of the pair that counts
     V length;      ///< distance of the axes
@@ -120,72 +184,119 @@ class BundlePull {
   static void clear(Field& field) {
     __builtin_memset(field.data(), 0, field.size() * sizeof(Real));
   }
-  template <class Field>
-  static void add(const Field& values, Real part, Field& sums) {
-    for (std::size_t i = 0; i < sums.size(); ++i) sums[i] += part * values[i];
+
+  static void fillPack(const BundleContact<Real>& contact, const BundleTie<Real>& tie,
+                       BundlePack<Real>& pack) {
+    const BundleBatch<Real>&a = contact.batches[index(tie.a)], &b = contact.batches[index(tie.b)];
+    const int top = static_cast<int>(contact.levels.size()) - 1;
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      const int one = pack.one[lane], two = pack.two[lane];
+      const int first = contact.levels[index(pack.level[lane])] - contact.stride + 1;
+      const Real other = b.length[index(two)];
+      pack.inverse_square[lane] = Real(1) / (other * other);
+      pack.ends[lane] = pack.level[lane] == top ? Real(1) : Real(0);
+      const auto record = [&](int batch, int in_lane) {
+        return 4 * ((batch * kLanes + in_lane) * contact.records + contact.nodes_before + first);
+      };
+      pack.record_one[lane] = record(tie.a, one);
+      pack.record_two[lane] = record(tie.b, two);
+      pack.spacing_one[lane] = a.places.place[index(kLanes + one)];
+      pack.spacing_two[lane] = b.places.place[index(kLanes + two)];
+      pack.place_one[lane] = static_cast<Real>(first) * pack.spacing_one[lane];
+      pack.place_two[lane] = static_cast<Real>(first) * pack.spacing_two[lane];
+    }
+    const auto extremes = [](const auto& of, Real& least, Real& most) {
+      least = *std::min_element(of.begin(), of.end());
+      most = *std::max_element(of.begin(), of.end());
+    };
+    extremes(pack.place_one, pack.low, pack.high);
+    extremes(pack.spacing_one, pack.least, pack.most);
   }
 
-  /// What is the same along the rods of a match.
-  struct PairOf {
-    PairOf(const BundleContact<Real>& contact, const BundleMatch<Real>& match, int lane)
-        : a(contact.batches[index(match.a)]),
-          b(contact.batches[index(match.b)]),
-          to(match.to.data() + lane),
-          apart(Vector::loadFrom(match.apart.data() + lane)) {
-      const V other = pick<V>(b.length.data(), to);
-      inverse_square = real(1) / (other * other);
-      alignas(64) Real flags[kWidth];
-      for (int k = 0; k < kWidth; ++k) flags[k] = static_cast<Real>(match.pairs >> (lane + k) & 1u);
-      present = load<V>(flags);
-      length = present * load<V>(a.length.data() + lane);
+  /// The terms of pairs, see BundleContact.
+  static void fillTerms(BundleContact<Real>& contact, const BundleTie<Real>& tie, int pack_index,
+                        int step, int lane) {
+    const BundleBatch<Real>&a = contact.batches[index(tie.a)], &b = contact.batches[index(tie.b)];
+    const BundlePack<Real>& pack = contact.packs[index(pack_index)];
+    const std::int32_t *one = pack.one.data() + lane, *two = pack.two.data() + lane;
+    const int last_node = contact.node_count - 1;
+    std::int32_t at_one[kWidth], at_two[kWidth];
+    alignas(64) Real parts[kWidth], weights[kWidth];
+    for (int k = 0; k < kWidth; ++k) {
+      const int node = contact.levels[index(pack.level[index(lane + k)])] - contact.stride + 1 + step;
+      const int within = node < 0 ? 0 : node;
+      at_one[k] = within * kLanes + one[k];
+      at_two[k] = within * kLanes + two[k];
+      parts[k] = static_cast<Real>(within) / static_cast<Real>(last_node);
+      // Length that a node stands for, in edges.
+      weights[k] = node < 1 || lane + k >= pack.count ? Real(0)
+                   : node == last_node                ? Real(0.5)
+                                                      : Real(1);
     }
-    const BundleBatch<Real>&a, &b;
-    const std::int32_t* to;
-    Vector apart;
-    V inverse_square, present, length;
-  };
+    const auto of = [](const AlignedVector<Real>& field, const std::int32_t* at) {
+      alignas(64) Real values[kWidth];
+      for (int k = 0; k < kWidth; ++k) values[k] = field[index(at[k])];
+      return load<V>(values);
+    };
+    const auto sum = [&](const AlignedVector<Real>& mine, const AlignedVector<Real>& others) {
+      return of(mine, at_one) + of(others, at_two);
+    };
+    const auto vectorOf = [&](const AlignedVector<Real>& field, const std::int32_t* at) {
+      return Vector{pick<V>(field.data(), at), pick<V>(field.data() + kLanes, at),
+                    pick<V>(field.data() + 2 * kLanes, at)};
+    };
+    const V zero{}, tiny = real(1e-6), weight = load<V>(weights);
+    // Between the straight rods at rest, across the first, at equal lengths along both.
+    const V length = pick<V>(a.length.data(), one);
+    const Vector along = vectorOf(a.along, one);
+    const V ratio = length / pick<V>(b.length.data(), two);
+    Vector rest = vectorOf(b.rest, two) - vectorOf(a.rest, one) +
+                  load<V>(parts) * (ratio * vectorOf(b.along, two) - along);
+    rest = rest - (dot(rest, along) / squaredNorm(along)) * along;
+    const V radii = sum(a.radius, b.radius);
+    const V distance = max(tiny, min(radii, sqrt(squaredNorm(rest))));
+    const V hold = min(of(a.hold, at_one), of(b.hold, at_two));
+    const V stiff = max(real(contact.stiffness) * select(weight > zero, hold, zero),
+                        real(contact.modulus) * weight * length);
+    const V range = max(tiny, sum(a.bridge, b.bridge));
+    // From the level before to this one.
+    const V before = load<V>(pack.before.data() + lane), here = load<V>(pack.here.data() + lane);
+    const V share = before + real(static_cast<double>(step + 1) / contact.stride) * (here - before);
+    // 2 w/range, w being the mean of both rods'.
+    const V pull = sum(a.cling, b.cling) * weight * length * share / range;
+    Real* terms = contact.terms.data() + (index(pack_index * contact.stride + step)) * kTerms + lane;
+    store<V>(terms, distance);
+    store<V>(terms + kLanes, stiff);
+    store<V>(terms + 2 * kLanes, range);
+    store<V>(terms + 3 * kLanes, pull);
+  }
 
   /// By the gap. push: of the contact [N]; pull: of the liquid [N]; stiff: the
   /// contact's curvature where surfaces overlap; bridge: one that lies above the energy of the liquid
   /// wherever the pull takes them, up to where they meet: pull over gap.
   struct Terms {
+    CALLIGRAPHY_INLINE Terms(const BundleContact<Real>& contact, int pack_index, int step, int lane,
+                             const Facing& facing) {
+      const Real* const terms =
+          contact.terms.data() + index(pack_index * contact.stride + step) * kTerms + lane;
+      const V zero{}, one = real(1), half = real(0.5);
+      distance = load<V>(terms);
+      const V hard = load<V>(terms + kLanes), range = load<V>(terms + 2 * kLanes),
+              strongest = load<V>(terms + 3 * kLanes);
+      gap = facing.length - distance;
+      const V overlap = min(gap, zero), apart = max(gap, zero);
+      // Below half of the distance the energy goes on as a parabola.
+      const V squeeze = distance / max(distance + overlap, half * distance);
+      push = facing.part * (half * hard * squeeze * (one + squeeze)) * -overlap;
+      stiff = facing.part * hard * squeeze * squeeze * squeeze;
+      const V open = facing.part * max(zero, one - apart / range);
+      pull = open * strongest;
+      bridge = pull / max(gap, real(kNearlyTouching) * distance);
+      energy = facing.part * (half * hard * squeeze * overlap * overlap + strongest * overlap) -
+               half * pull * (range - apart);
+    }
     V gap, distance, push, pull, stiff, bridge, energy;
   };
-  static CALLIGRAPHY_INLINE Terms pairTerms(const BundleContact<Real>& contact,
-                                            const BundleMatch<Real>& match, const PairOf& pair, int node,
-                                            int lane, const Facing& facing) {
-    const V zero{}, one = real(1), half = real(0.5), tiny = real(1e-6);
-    const int row = node * kLanes, at = row + lane;
-    const auto sum = [&](const AlignedVector<Real>& mine, const AlignedVector<Real>& others) {
-      return load<V>(mine.data() + at) + pick<V>(others.data() + row, pair.to);
-    };
-    const V part = real(static_cast<double>(node) / (contact.node_count - 1));
-    const V at_rest = pair.apart.x + part * (pair.apart.y + part * pair.apart.z);
-    const V radii = sum(pair.a.radius, pair.b.radius);
-    const V distance = sqrt(max(tiny * tiny, min(radii * radii, at_rest)));
-    const V length = node + 1 == contact.node_count ? half * pair.length : pair.length;
-    const V stiff =
-        max(real(contact.stiffness) * pair.present *
-                min(load<V>(pair.a.hold.data() + at), pick<V>(pair.b.hold.data() + row, pair.to)),
-            real(contact.modulus) * length);
-    const V range = max(tiny, sum(pair.a.bridge, pair.b.bridge));
-    // 2 w/range, w being the mean of both rods'.
-    const V pull = sum(pair.a.cling, pair.b.cling) * length * load<V>(match.clings.data() + at) / range;
-    Terms terms;
-    terms.distance = distance;
-    terms.gap = facing.length - distance;
-    const V overlap = min(terms.gap, zero);
-    // Below half of the distance the energy goes on as a parabola.
-    const V squeeze = one / max(one + overlap / distance, half);
-    terms.push = facing.part * (half * stiff * squeeze * (one + squeeze)) * -overlap;
-    terms.stiff = facing.part * stiff * squeeze * squeeze * squeeze;
-    const V open = facing.part * max(zero, one - max(terms.gap, zero) / range);
-    terms.pull = open * pull;
-    terms.bridge = open * pull / max(terms.gap, real(kNearlyTouching) * distance);
-    terms.energy = facing.part * (half * stiff * squeeze * overlap * overlap + pull * overlap) -
-                   half * open * pull * (range - max(terms.gap, zero));
-    return terms;
-  }
 
   using One = Vec3<Real>;
   /// Speed at which edges that cross part at most, over that at which friction is fully there.
@@ -269,130 +380,97 @@ class BundlePull {
       force = force + part * g;
       stiffness = stiffness + part * c;
     }
-    CALLIGRAPHY_INLINE void storeTo(Real* address) const {
-      force.storeTo(address);
-      store<V>(address + 3 * kLanes, stiffness);
+    CALLIGRAPHY_INLINE void addTo(Real* pulls, const std::int32_t* at) const {
+      const V values[4] = {force.x, force.y, force.z, stiffness};
+      addToRecords<V>(pulls, at, values);
     }
   };
 
-  /// into: springs of the second rods.
-  static void pushMatch(BundleContact<Real>& contact, BundleBatch<Real>& own,
-                        const BundleMatch<Real>& match, BundleTie<Real>& tie,
-                        AlignedVector<Real>& into) {
-    const int n = contact.node_count;
-    Real *answer = own.scratch.data(), *ties = answer + n * kSpring;
-    __builtin_memset(ties, 0, static_cast<std::size_t>(2 * n * kLanes) * sizeof(Real));
-    for (int lane = 0; lane < kLanes; lane += kWidth) pushLanes(contact, own, match, lane, answer, ties);
-    const int last = match.last < n ? match.last + 1 : match.last;
-    for (int row = 4 * (match.first - 1); row < 4 * last; ++row)
-      for (int lane = 0; lane < kLanes; lane += kWidth) {
-        Real* sum = into.data() + row * kLanes + lane;
-        store<V>(sum, load<V>(sum) + pick<V>(answer + row * kLanes, match.from.data() + lane));
-      }
-    for (int place = 0; place < n; ++place) {
-      V curvature{}, turn{};
-      for (int lane = 0; lane < kLanes; lane += kWidth) {
-        curvature = curvature + load<V>(ties + place * 2 * kLanes + lane);
-        turn = turn + load<V>(ties + place * 2 * kLanes + kLanes + lane);
-      }
-      tie.stiffness[index(place)] += sumOf<V>(curvature);
-      tie.turns[index(place)] += sumOf<V>(turn);
-    }
-  }
-
-  static void pushLanes(const BundleContact<Real>& contact, BundleBatch<Real>& own,
-                        const BundleMatch<Real>& match, int lane, Real* answer, Real* ties) {
-    const PairOf pair(contact, match, lane);
-    const BundleBatch<Real>& other = pair.b;
-    const std::int32_t* to = pair.to;
+  /// A pack's lanes. sums: of what ties groups of rods, [place][2][lane]; most: see BundleTie.
+  static CALLIGRAPHY_INLINE void pushLanes(BundleContact<Real>& contact, int pack_index, int lane,
+                                           Real* sums, V& most) {
+    const Face face(contact, pack_index, lane);
     const V zero{}, one = real(1);
     const V friction = real(contact.friction), slip = real(contact.slip + 1e-12);
-    const Real *point = other.point.data(), *way = other.way.data(), *place = other.places.place.data();
-
-    int node = match.first;
-    Vector before = pickVector(point + (node - 1) * kVector, to),
-           at = pickVector(point + node * kVector, to);
-    Vector way_before = pickVector(way + (node - 1) * kVector, to),
-           way_at = pickVector(way + node * kVector, to);
-    V place_before = pick<V>(place + (node - 1) * kLanes, to),
-      place_at = pick<V>(place + node * kLanes, to);
+    const V spacing_one = load<V>(face.pack.spacing_one.data() + lane),
+            spacing_two = load<V>(face.pack.spacing_two.data() + lane);
+    V place_one = load<V>(face.pack.place_one.data() + lane),
+      place_two = load<V>(face.pack.place_two.data() + lane);
+    Real* const pulls = contact.pulls.data();
+    Vector before = face.vectorAt(contact.points, face.two, -1),
+           at = face.vectorAt(contact.points, face.two, 0);
+    Vector way_before = face.vectorAt(contact.ways, face.two, -1),
+           way_at = face.vectorAt(contact.ways, face.two, 0);
     Sum sum_before, sum_at;
-    V most{};
-    for (; node < match.last; ++node) {
-      const bool is_end = node + 1 == contact.node_count;
-      const Vector after = is_end ? at : pickVector(point + (node + 1) * kVector, to);
-      const Vector way_after = is_end ? way_at : pickVector(way + (node + 1) * kVector, to);
-      const V place_after = is_end ? place_at : pick<V>(place + (node + 1) * kLanes, to);
-      const Facing facing(Vector::loadFrom(own.point.data() + node * kVector + lane), before, at, after,
-                          is_end, pair.inverse_square);
-      const Terms terms = pairTerms(contact, match, pair, node, lane, facing);
-      Sum sum_after;
+    for (int step = 0; step < contact.stride; ++step) {
+      const Vector after = face.vectorAt(contact.points, face.two, step + 1);
+      const Vector way_after = face.vectorAt(contact.ways, face.two, step + 1);
+      const Facing facing(face.vectorAt(contact.points, face.one, step), before, at, after,
+                          face.endsAt(step), face.inverse_square);
+      const Terms terms(contact, pack_index, step, lane, facing);
       const V t = facing.t, rest = one - t;
       const V on = select(facing.forward, t, zero), back = select(facing.forward, zero, t);
-      const Vector u = Vector::loadFrom(own.way.data() + node * kVector + lane) -
+      const Vector u = face.vectorAt(contact.ways, face.one, step) -
                        (rest * way_at + on * way_after + back * way_before);
       const V closing = dot(u, facing.n);
       // Surfaces that meet in this step or the next resist as those that overlap.
       const Mask meets =
           terms.gap + min(closing + closing, zero) < real(kNearlyTouching) * terms.distance;
       const V curvature = select(meets, max(terms.stiff, terms.bridge), terms.bridge);
+      Sum sum_after;
       if (any(curvature > zero)) {
-        most = max(most, select(curvature > zero, squaredNorm(u), zero));
+        const V along = dot(u, facing.edge);
+        const V across = squaredNorm(u) - along * along * face.inverse_square;
+        most = max(most, select(curvature > zero, across, zero));
         Vector g = (terms.pull - terms.push) * facing.n;
         // Friction by the way of this step, at the force that there is.
-        V drag = zero;
         const V push = friction * terms.push;
-        if (any(push > zero)) {
-          const Vector slide = u - closing * facing.n;
-          drag = push / (sqrt(squaredNorm(slide)) + slip);
-          g = g + drag * slide;
-        }
+        const Vector slide = u - closing * facing.n;
+        const V drag = push / (sqrt(squaredNorm(slide)) + slip);
+        g = g + drag * slide;
         const V c = max(curvature, drag);
-        Real* out = own.springs.data() + node * kSpring + lane;
-        (Vector::loadFrom(out) + g).storeTo(out);
-        store<V>(out + 3 * kLanes, load<V>(out + 3 * kLanes) + c);
+        Sum own;
+        own.add(one, g, c);
+        own.addTo(pulls + 4 * step, face.one);
         const Vector opposite = (-one) * g;
         sum_before.add(back, opposite, c);
         sum_at.add(rest, opposite, c);
         sum_after.add(on, opposite, c);
-        const V apart = load<V>(own.places.place.data() + node * kLanes + lane) -
-                        (rest * place_at + on * place_after + back * place_before);
-        share(own.places, node, lane, c, apart, ties, contact.node_count - 1);
+        share(contact.node_count - 1, face.pack, step, place_one,
+              place_one - place_two - (on - back) * spacing_two, c, sums);
       }
-      sum_before.storeTo(answer + (node - 1) * kSpring + lane);
+      sum_before.addTo(pulls + 4 * (step - 1), face.two);
       sum_before = sum_at;
       sum_at = sum_after;
       before = at;
       at = after;
       way_before = way_at;
       way_at = way_after;
-      place_before = place_at;
-      place_at = place_after;
+      place_one = place_one + spacing_one;
+      place_two = place_two + spacing_two;
     }
-    alignas(64) Real largest[kWidth];
-    store<V>(largest, most);
-    for (int k = 0; k < kWidth; ++k)
-      own.most_relative = largest[k] > own.most_relative ? largest[k] : own.most_relative;
-    sum_before.storeTo(answer + (node - 1) * kSpring + lane);
-    if (node < contact.node_count) sum_at.storeTo(answer + node * kSpring + lane);
+    sum_before.addTo(pulls + 4 * (contact.stride - 1), face.two);
+    sum_at.addTo(pulls + 4 * contact.stride, face.two);
   }
 
   /// What ties groups of rods, at the places around a node.
-  static CALLIGRAPHY_INLINE void share(const CommonPlaces<Real>& places, int node, int lane, V curvature,
-                                       V apart, Real* ties, int last_place) {
-    const V zero{};
-    const V place = load<V>(places.place.data() + node * kLanes + lane);
+  static CALLIGRAPHY_INLINE void share(int last_place, const BundlePack<Real>& pack, int step, V place,
+                                       V apart, V curvature, Real* sums) {
+    const V zero{}, one = real(1);
     const V turn = curvature * apart * apart;
-    int last = places.last[index(node)] + 1;
-    last = last < last_place ? last : last_place;
-    for (int to = places.first[index(node)]; to <= last; ++to) {
-      const V part = partOfPlace<V>(places, node, to, lane);
-      Real* sums = ties + to * 2 * kLanes + lane;
-      store<V>(sums, load<V>(sums) + part * curvature);
+    const Real low = pack.low + static_cast<Real>(step) * pack.least,
+               high = pack.high + static_cast<Real>(step) * pack.most;
+    const int first = low > Real(0) ? static_cast<int>(low) : 0;
+    const int last = std::min(last_place, static_cast<int>(high) + 2);
+    for (int to = first; to <= last; ++to) {
+      const V off = place - real(to);
+      const V part = max(zero, one - max(off, -off));
+      Real* out = sums + 2 * to * kWidth;
+      store<V>(out, load<V>(out) + part * curvature);
       // Points a little apart may lie on this edge between places, and on the ones beside it.
-      const V beside = place - real(to - 0.5);
-      store<V>(sums + kLanes,
-               load<V>(sums + kLanes) + select(max(beside, -beside) < real(1.5), turn, zero));
+      const V beside = off + real(0.5);
+      store<V>(out + kWidth,
+               load<V>(out + kWidth) + select(max(beside, -beside) < real(1.5), turn, zero));
     }
   }
 };

@@ -49,12 +49,6 @@ class BundleSearch {
           }
   }
 
-  /// How far apart the rods of all matches are at rest.
-  static void fill(BundleContact<Real>& contact) {
-    for (BundleMatch<Real>& match : contact.matches)
-      for (int lane = 0; lane < kLanes; lane += kWidth) fillMatch(contact, match, lane);
-  }
-
  private:
   static constexpr int kWidth = widthOf<V>, kVector = 3 * kLanes;
   /// Of a full batch four rods lie across: neighbours are no further apart than this part of the radii
@@ -209,26 +203,6 @@ class BundleSearch {
         }
   }
 
-  static void fillMatch(BundleContact<Real>& contact, BundleMatch<Real>& match, int lane) {
-    const BundleBatch<Real>&a = contact.batches[index(match.a)], &b = contact.batches[index(match.b)];
-    const std::int32_t* to = match.to.data() + lane;
-    // Between the straight rods at rest, across them.
-    const Vector axis = Vector::loadFrom(a.along.data() + lane);
-    const V inverse = broadcast<V>(1) / squaredNorm(axis);
-    const auto across = [&](const Vector& d) { return d - (dot(d, axis) * inverse) * axis; };
-    const auto other = [&](const AlignedVector<Real>& field) {
-      return Vector{pick<V>(field.data(), to), pick<V>(field.data() + kLanes, to),
-                    pick<V>(field.data() + 2 * kLanes, to)};
-    };
-    // At equal lengths along both, however long each is.
-    const V ratio = load<V>(a.length.data() + lane) / pick<V>(b.length.data(), to);
-    const Vector root = across(other(b.rest) - Vector::loadFrom(a.rest.data() + lane));
-    const Vector spread = across(ratio * other(b.along) - axis);
-    store<V>(match.apart.data() + lane, squaredNorm(root));
-    store<V>(match.apart.data() + kLanes + lane, broadcast<V>(2) * dot(root, spread));
-    store<V>(match.apart.data() + 2 * kLanes + lane, squaredNorm(spread));
-  }
-
   /// Rods no further apart than `most` [m], and those that may touch.
   static void compare(BundleContact<Real>& contact, int a, int b, int node, int level, double most) {
     const BundleBatch<Real>&own = contact.batches[index(a)], &other = contact.batches[index(b)];
@@ -246,8 +220,9 @@ class BundleSearch {
                        pick<V>(point + 2 * kLanes, to + lane) - x.z};
         const V along = dot(d, edge) / squaredNorm(edge);
         const Vector across = d - along * edge;
-        const V touching = load<V>(own.radius.data() + at + lane) +
-                           pick<V>(other.radius.data() + at, to + lane) + margin;
+        const V radii =
+            load<V>(own.radius.data() + at + lane) + pick<V>(other.radius.data() + at, to + lane);
+        const V touching = radii + broadcast<V>(static_cast<Real>(kSoon)) * min(margin, radii);
         const V bridge =
             load<V>(own.bridge.data() + at + lane) + pick<V>(other.bridge.data() + at, to + lane);
         const V reach = min(touching + bridge, max(touching, wide));
@@ -260,8 +235,7 @@ class BundleSearch {
         store<V>(xs, across.x);
         store<V>(ys, across.y);
         store<V>(zs, across.z);
-        store<V>(gaps, sqrt(square) - load<V>(own.radius.data() + at + lane) -
-                           pick<V>(other.radius.data() + at, to + lane));
+        store<V>(gaps, sqrt(square) - radii);
         for (int k = 0; k < kWidth; ++k) {
           if (flags[k] == Real(0)) continue;
           const int one = lane + k, two = to[lane + k];

@@ -38,7 +38,8 @@ template <class Real>
 struct Coupling {
   void (*find)(BundleContact<Real>&, bool with_crossings);
   void (*fill)(BundleContact<Real>&);
-  void (*push)(BundleContact<Real>&, int batch);
+  void (*spread)(BundleContact<Real>&, int batch);
+  void (*push)(BundleContact<Real>&, int tie);
   void (*gather)(BundleContact<Real>&, int batch);
   void (*cross)(BundleContact<Real>&);
   void (*extrapolate)(double ratio, double relative, const RodBatchModel<Real>&,
@@ -266,9 +267,9 @@ constexpr Coupling<Real> coupling() {
   using V = Lanes<Real, Bytes / static_cast<int>(sizeof(Real))>;
   using Search = BundleSearch<V>;
   using Pull = BundlePull<V>;
-  return {&Search::find, &Search::fill,   &Pull::push, &Pull::gather,
-          &Pull::cross,  &extrapolate<V>, &sumUp<V>,   &CommonMotion<V>::solve,
-          &shift<V>};
+  return {&Search::find,           &Pull::fill,  &Pull::spread,   &Pull::push,
+          &Pull::gather,           &Pull::cross, &extrapolate<V>, &sumUp<V>,
+          &CommonMotion<V>::solve, &shift<V>};
 }
 
 /// The step in registers of `Bytes` bytes.
