@@ -14,6 +14,8 @@ constexpr double kPi = 3.14159265358979323846;
 constexpr int kUsualLevels = 6;
 /// Neighbours of a rod that are looked at, at a level: twice as many as can lie around it.
 constexpr std::size_t kNearest = 12;
+/// Until the next search the nearest come from within so many times their distance.
+constexpr float kCrowd = 1.25f;
 /// Where a third rod is so far inside the ball between two, as |c|²/(c·d), liquid does not bridge them;
 /// on its surface, where this is 1, it does not matter. In between the pair counts in part, so that what
 /// moves a little changes little.
@@ -60,17 +62,20 @@ std::size_t fieldSize(const BundleContact<Real>& contact, int rows) {
   return static_cast<std::size_t>(rows * contact.node_count * kLanes);
 }
 
-/// Keeps the nearest of the hits around every rod, all of one level.
-template <class Hit>
-void takeNear(const Hit* first, const Hit* last, std::size_t rods, BundleNeighbours& near) {
-  auto& [all, begin, end] = near;
+/// Keeps the nearest of the hits around every rod, all of one level, and how far they reach.
+template <class Real>
+void takeNear(const typename BundleContact<Real>::Hit* first,
+              const typename BundleContact<Real>::Hit* last, std::size_t level,
+              BundleContact<Real>& contact) {
+  auto& [all, begin, end] = contact.near;
+  const std::size_t rods = contact.batches.size() * kLanes;
   begin.assign(rods + 1, 0);
-  for (const Hit* hit = first; hit != last; ++hit)
+  for (const auto* hit = first; hit != last; ++hit)
     for (const std::int32_t rod : {hit->a, hit->b}) ++begin[static_cast<std::size_t>(rod) + 1];
   std::partial_sum(begin.begin(), begin.end(), begin.begin());
   if (all.size() < begin.back()) all.resize(begin.back());
   end.assign(begin.begin(), begin.end() - 1);
-  for (const Hit* hit = first; hit != last; ++hit) {
+  for (const auto* hit = first; hit != last; ++hit) {
     const auto x = static_cast<float>(hit->x), y = static_cast<float>(hit->y),
                z = static_cast<float>(hit->z), gap = static_cast<float>(hit->gap);
     const float square = x * x + y * y + z * z;
@@ -78,6 +83,8 @@ void takeNear(const Hit* first, const Hit* last, std::size_t rods, BundleNeighbo
     all[end[static_cast<std::size_t>(hit->b)]++] = {hit->a, -x, -y, -z, square, gap};
   }
   for (std::size_t rod = 0; rod < rods; ++rod) {
+    Real& crowd = contact.batches[rod / kLanes].crowd[level * kLanes + rod % kLanes];
+    crowd = std::numeric_limits<Real>::max();
     if (end[rod] - begin[rod] <= kNearest) continue;
     const auto at = [&](std::size_t i) { return all.data() + i; };
     std::nth_element(at(begin[rod]), at(begin[rod] + kNearest), at(end[rod]),
@@ -85,6 +92,7 @@ void takeNear(const Hit* first, const Hit* last, std::size_t rods, BundleNeighbo
                        return a.square < b.square || (a.square == b.square && a.rod < b.rod);
                      });
     end[rod] = begin[rod] + kNearest;
+    crowd = static_cast<Real>(kCrowd * kCrowd * at(end[rod])->square);
   }
 }
 
@@ -95,19 +103,32 @@ bool isNear(const BundleNeighbours& near, std::int32_t rod, std::int32_t other) 
   return false;
 }
 
-/// How far nobody stands between a rod and its neighbour, 0..1, by |c|²/(c·d) of the one that is most
-/// between them; see kClosed.
-float openness(const BundleNeighbours& near, std::size_t rod, const BundleNeighbours::Neighbour& other) {
-  float least = 1.0f;
-  for (std::size_t i = near.begin[rod]; i < near.end[rod]; ++i) {
-    const auto& c = near.all[i];
-    const float product = c.x * other.x + c.y * other.y + c.z * other.z;
-    const float ratio = c.square / std::max(product, 1e-20f);
-    // The other itself is on the surface, too.
-    least = c.square < 0.999f * other.square && ratio < least ? ratio : least;
+/// The neighbours of a rod, one component after another, and one that is far off in empty places.
+struct Around {
+  Around(const BundleNeighbours& near, std::size_t rod) {
+    std::size_t count = 0;
+    for (std::size_t i = near.begin[rod]; i < near.end[rod]; ++i, ++count) {
+      const auto& c = near.all[i];
+      x[count] = c.x, y[count] = c.y, z[count] = c.z, square[count] = c.square;
+    }
+    for (; count < kNearest; ++count) x[count] = y[count] = z[count] = 0.0f, square[count] = 1.0f;
   }
-  return std::max(0.0f, (least - kClosed) / (1.0f - kClosed));
-}
+  /// How far nobody stands between the rod and its neighbour, 0..1, by |c|²/(c·d) of the one that is
+  /// most between them; see kClosed.
+  float openness(const BundleNeighbours::Neighbour& other) const {
+    std::array<float, kNearest> ratio;
+    for (std::size_t i = 0; i < kNearest; ++i) {
+      const float product = x[i] * other.x + y[i] * other.y + z[i] * other.z;
+      // The other itself is on the surface, too.
+      const float is_nearer = square[i] < 0.999f * other.square ? 1.0f : 0.0f;
+      ratio[i] = square[i] / std::max(is_nearer * product, 1e-20f);
+    }
+    float least = 1.0f;
+    for (const float r : ratio) least = std::min(least, r);
+    return std::max(0.0f, (least - kClosed) / (1.0f - kClosed));
+  }
+  std::array<float, kNearest> x, y, z, square;
+};
 
 /// The pairs of every rod a with those after it, and how many neighbours a rod has at a level,
 /// [level][rod]. Liquid comes between rods, and goes, by `change` at most.
@@ -124,14 +145,15 @@ void findPairs(BundleContact<Real>& contact, float change, std::vector<std::vect
   const auto* const hits_end = contact.hits.data() + contact.hits.size();
   for (const auto *first = contact.hits.data(), *last = first; first != hits_end; first = last) {
     while (last != hits_end && last->level == first->level) ++last;
-    takeNear(first, last, rods, near);
     const auto level = static_cast<std::size_t>(first->level);
-    for (std::size_t rod = 0; rod < rods; ++rod)
+    takeNear<Real>(first, last, level, contact);
+    for (std::size_t rod = 0; rod < rods; ++rod) {
+      const Around around(near, rod);
+      const auto a = static_cast<std::int32_t>(rod);
       for (std::size_t i = near.begin[rod]; i < near.end[rod]; ++i) {
         const auto& other = near.all[i];
-        const auto a = static_cast<std::int32_t>(rod);
         if (other.rod < a && isNear(near, other.rod, a)) continue;  // seen from the other side
-        float open = openness(near, rod, other);
+        float open = around.openness(other);
         const std::int32_t one = std::min(a, other.rod), two = std::max(a, other.rod);
         const auto find = [&](std::vector<BundlePair>& of_rod) {
           return std::find_if(of_rod.begin(), of_rod.end(), [&](const auto& p) { return p.b == two; });
@@ -155,6 +177,7 @@ void findPairs(BundleContact<Real>& contact, float change, std::vector<std::vect
         neighbours[level][static_cast<std::size_t>(one)] += open;
         neighbours[level][static_cast<std::size_t>(two)] += open;
       }
+    }
   }
 }
 
@@ -280,6 +303,7 @@ BundleContact<Real> makeBundleContact(const BrushModel& brush, const ContactPara
     for (auto* field : {&batch.turns, &batch.anchors})
       field->assign(static_cast<std::size_t>(n), Real(0));
     batch.scratch.assign(fieldSize(contact, 6), Real(0));
+    batch.crowd.assign(contact.levels.size() * kLanes, std::numeric_limits<Real>::max());
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
       const bool present = lane < rods.size();
       const RodModel& rod = brush.rods[static_cast<std::size_t>(present ? rods[lane] : rods.back())];
@@ -342,6 +366,8 @@ void forgetPairs(BundleContact<Real>& contact) {
   clearPacks(contact);
   contact.crossings.clear();
   for (auto& of_rod : contact.pairs) of_rod.clear();
+  for (BundleBatch<Real>& batch : contact.batches)
+    std::fill(batch.crowd.begin(), batch.crowd.end(), std::numeric_limits<Real>::max());
   contact.search_count = 0;
 }
 

@@ -547,6 +547,8 @@ class TuftOf : public Tuft {
     const Coupling<Real>& coupling = kernel_.template coupling<Real>();
     coupling.find(bundles, with_crossings);
     takeHits(bundles, since_search_);
+    { static long n=0,h=0,m=0,c=0,w=0,cr=0,pr=0,sp=0; ++n; h+=long(bundles.hits.size()); m+=long(bundles.packs.size()); cr+=with_crossings; if(with_crossings) c+=long(bundles.crossings.size()); w+=long(since_search_*1e6); for(auto&x:bundles.pairs) pr+=long(x.size()); for(auto&x:bundles.packs) sp+=x.count;
+      if(n%100==0) fprintf(stderr,"searches %ld hits %ld packs %ld fill %.2f pairs %ld crossings %ld of %ld every %ld us\n",n,h/100,m/100,double(sp)/double(m),pr/100,c/std::max(1L,cr),cr,w/100), h=m=c=w=pr=sp=cr=0; }
     since_search_ = 0.0;
     coupling.fill(bundles);
     moved_since_search_ = 0.0;

@@ -78,6 +78,9 @@ struct BundleBatch {
   AlignedVector<Real> saturation;   ///< ink as a part of what there is room for, 0..1, [node][lane]
   AlignedVector<Real> cling;        ///< γ · cohesionEnergy · radius [J/m], [node][lane]
   AlignedVector<Real> bridge;       ///< a rod's part of the gap that liquid bridges [m], [node][lane]
+  /// Square of the distance within which a rod has as many neighbours as are looked at, and some more
+  /// [m²], [level][lane]
+  AlignedVector<Real> crowd;
 
   AlignedVector<Real>
       point;  ///< where the nodes are believed to be at the end of the step [m], [node][3][lane]

@@ -45,7 +45,7 @@ class BundleSearch {
             const Ball &own = ball(a, one), &other = ball(b, two);
             if (mayCross(own, other) &&
                 meet(own, other, kCrossingMargins * contact.margin, own.half + other.half))
-              findCrossings(contact, a, b, one, two);
+              findCrossings(contact, a, b, one, two, own, other);
           }
   }
 
@@ -58,6 +58,9 @@ class BundleSearch {
   static constexpr double kCrossingMargins = 2.0;
   /// Overlap of neighbouring edges, as a part of them, so that none is missed at a kink.
   static constexpr double kEdgeSlack = 0.15;
+  /// Of the straight lines over some edges, none of which crosses another where these have a larger
+  /// cosine, unless they sag by more than this part of their length.
+  static constexpr double kChordCosine = 0.9, kBent = 0.1;
   static constexpr double kFarAlong = 1.25;  // how far apart along the rods, in edges
   static std::size_t index(int i) { return static_cast<std::size_t>(i); }
 
@@ -70,6 +73,8 @@ class BundleSearch {
     double axis[3]{};
     double angle = 0.0;
     int count = 0;  ///< rods
+    alignas(
+        64) Real sag[kLanes]{};  ///< of the nodes in between from the straight line over those edges [m]
   };
   /// Distance of neighbours at most [m].
   static double mostBetween(const Ball& a, const Ball& b) {
@@ -105,6 +110,8 @@ class BundleSearch {
       ball.middle[i] = 0.5 * (low + high);
     }
     const int first = edgesBegin(contact, level);
+    for (int lane = 0; lane < kLanes; lane += kWidth)
+      store<V>(ball.sag + lane, sagOf(rods, first, node, lane));
     double directions[kLanes][3], total[3] = {};
     for (int lane = 0; lane < kLanes; ++lane) {
       if (rods.rod[index(lane)] < 0) continue;
@@ -142,6 +149,19 @@ class BundleSearch {
     ball.angle = std::acos(least < -1.0 ? -1.0 : least);
     return ball;
   }
+  static V sagOf(const BundleBatch<Real>& rods, int first, int last, int lane) {
+    const auto at = [&](int node) {
+      return Vector::loadFrom(rods.point.data() + node * kVector + lane);
+    };
+    const Vector from = at(first), chord = at(last) - from;
+    const V inverse = broadcast<V>(1) / (squaredNorm(chord) + broadcast<V>(static_cast<Real>(1e-24)));
+    V most{};
+    for (int node = first + 1; node < last; ++node) {
+      const Vector d = at(node) - from;
+      most = max(most, squaredNorm(d - (dot(d, chord) * inverse) * chord));
+    }
+    return sqrt(most);
+  }
   static bool meet(const Ball& a, const Ball& b, double margin, double more) {
     double square = 0.0;
     for (int i = 0; i < 3; ++i) square += (a.middle[i] - b.middle[i]) * (a.middle[i] - b.middle[i]);
@@ -155,52 +175,95 @@ class BundleSearch {
     return std::acos(cosine) + a.angle + b.angle > std::acos(kCrossingCosine);
   }
 
-  /// Edges of two batches, each from one level to the next.
-  static void findCrossings(BundleContact<Real>& contact, int a, int b, int level_a, int level_b) {
+  /// Two straight pieces of rod: where they are nearest to each other as endless lines.
+  struct Lines {
+    CALLIGRAPHY_INLINE Lines(const Vector& x, const Vector& e, const Vector& y, const Vector& f) {
+      const Vector r = x - y;
+      const V ee = squaredNorm(e), ff = squaredNorm(f), ef = dot(e, f), er = dot(e, r), fr = dot(f, r);
+      const V inverse = broadcast<V>(1) / (ee * ff - ef * ef);
+      s = (ef * fr - er * ff) * inverse;
+      t = (ee * fr - ef * er) * inverse;
+      square = squaredNorm(r + s * e - t * f);
+      squared_cosine = ef * ef / (ee * ff);
+    }
+    CALLIGRAPHY_INLINE Mask within(V slack, V reach) const {
+      const V one = broadcast<V>(1);
+      return (s > -slack) & (s < one + slack) & (t > -slack) & (t < one + slack) &
+             (square < reach * reach);
+    }
+    V s, t, square, squared_cosine;
+  };
+
+  /// Edges of two batches, each from one level to the next, where the straight lines over those cross.
+  static void findCrossings(BundleContact<Real>& contact, int a, int b, int level_a, int level_b,
+                            const Ball& ball_a, const Ball& ball_b) {
+    const BundleBatch<Real>&own = contact.batches[index(a)], &other = contact.batches[index(b)];
+    const auto number = [](double value) { return broadcast<V>(static_cast<Real>(value)); };
+    const int first_a = edgesBegin(contact, level_a), last_a = contact.levels[index(level_a)];
+    const int first_b = edgesBegin(contact, level_b), last_b = contact.levels[index(level_b)];
+    // Those that come up fast must not be past each other when they are found.
+    const V margin = number(kCrossingMargins * contact.margin), slack = number(kEdgeSlack);
+    const V bent = number(kBent * kBent), chords = number(kChordCosine * kChordCosine);
+    for (int turn = 0; turn < kLanes; ++turn) {
+      alignas(64) std::int32_t to[kLanes];
+      for (int lane = 0; lane < kLanes; ++lane) to[lane] = (lane + turn) % kLanes;
+      for (int lane = 0; lane < kLanes; lane += kWidth) {
+        const auto mine = [&](int node) {
+          return Vector::loadFrom(own.point.data() + node * kVector + lane);
+        };
+        const auto others = [&](int node) {
+          const Real* at = other.point.data() + node * kVector;
+          return Vector{pick<V>(at, to + lane), pick<V>(at + kLanes, to + lane),
+                        pick<V>(at + 2 * kLanes, to + lane)};
+        };
+        const Vector x = mine(first_a), e = mine(last_a) - x;
+        const Vector y = others(first_b), f = others(last_b) - y;
+        const V sag_a = load<V>(ball_a.sag + lane), sag_b = pick<V>(ball_b.sag, to + lane);
+        const V reach = margin + sag_a + sag_b + load<V>(own.radius.data() + first_a * kLanes + lane) +
+                        pick<V>(other.radius.data() + first_b * kLanes, to + lane);
+        const Lines lines(x, e, y, f);
+        const Mask may = lines.within(slack, reach) &
+                         ((lines.squared_cosine < chords) | (sag_a * sag_a > bent * squaredNorm(e)) |
+                          (sag_b * sag_b > bent * squaredNorm(f)));
+        if (any(may)) findCrossingEdges(contact, a, b, level_a, level_b, lane, to + lane);
+      }
+    }
+  }
+
+  /// to: lanes of the second batch.
+  static void findCrossingEdges(BundleContact<Real>& contact, int a, int b, int level_a, int level_b,
+                                int lane, const std::int32_t* to) {
     const BundleBatch<Real>&own = contact.batches[index(a)], &other = contact.batches[index(b)];
     const V zero{}, one = broadcast<V>(1), slack = broadcast<V>(static_cast<Real>(kEdgeSlack));
     const V limit_square = broadcast<V>(static_cast<Real>(kCrossingCosine * kCrossingCosine));
-    // Those that come up fast must not be past each other when they are found.
     const V margin = broadcast<V>(static_cast<Real>(kCrossingMargins * contact.margin));
+    const auto mine = [&](int node) {
+      return Vector::loadFrom(own.point.data() + node * kVector + lane);
+    };
+    const auto others = [&](int node) {
+      const Real* at = other.point.data() + node * kVector;
+      return Vector{pick<V>(at, to), pick<V>(at + kLanes, to), pick<V>(at + 2 * kLanes, to)};
+    };
     for (int i = edgesBegin(contact, level_a); i < contact.levels[index(level_a)]; ++i)
-      for (int j = edgesBegin(contact, level_b); j < contact.levels[index(level_b)]; ++j)
-        for (int turn = 0; turn < kLanes; ++turn) {
-          alignas(64) std::int32_t to[kLanes];
-          for (int lane = 0; lane < kLanes; ++lane) to[lane] = (lane + turn) % kLanes;
-          for (int lane = 0; lane < kLanes; lane += kWidth) {
-            const auto mine = [&](int node) {
-              return Vector::loadFrom(own.point.data() + node * kVector + lane);
-            };
-            const auto others = [&](int node) {
-              const Real* at = other.point.data() + node * kVector;
-              return Vector{pick<V>(at, to + lane), pick<V>(at + kLanes, to + lane),
-                            pick<V>(at + 2 * kLanes, to + lane)};
-            };
-            const Vector x = mine(i), e = mine(i + 1) - x, y = others(j), f = others(j + 1) - y;
-            const Vector r = x - y;
-            const V ee = squaredNorm(e), ff = squaredNorm(f), ef = dot(e, f), er = dot(e, r),
-                    fr = dot(f, r);
-            const V area = ee * ff - ef * ef;
-            const V s = (ef * fr - er * ff) / area, t = (ee * fr - ef * er) / area;
-            const V reach = margin +
-                            max(load<V>(own.radius.data() + i * kLanes + lane),
-                                load<V>(own.radius.data() + (i + 1) * kLanes + lane)) +
-                            max(pick<V>(other.radius.data() + j * kLanes, to + lane),
-                                pick<V>(other.radius.data() + (j + 1) * kLanes, to + lane));
-            const Mask found = (ef * ef < limit_square * ee * ff) & (s > -slack) & (s < one + slack) &
-                               (t > -slack) & (t < one + slack) &
-                               (squaredNorm(r + s * e - t * f) < reach * reach);
-            if (!any(found)) continue;
-            alignas(64) Real flags[kWidth];
-            store<V>(flags, select(found, one, zero));
-            for (int k = 0; k < kWidth; ++k) {
-              const int p = lane + k, q = to[lane + k];
-              if (flags[k] == Real(0) || own.rod[index(p)] < 0 || other.rod[index(q)] < 0) continue;
-              if (a == b && p >= q) continue;  // seen from the other side
-              contact.crossings.push_back({a * kLanes + p, i, b * kLanes + q, j});
-            }
-          }
+      for (int j = edgesBegin(contact, level_b); j < contact.levels[index(level_b)]; ++j) {
+        const Vector x = mine(i), e = mine(i + 1) - x, y = others(j), f = others(j + 1) - y;
+        const V reach = margin +
+                        max(load<V>(own.radius.data() + i * kLanes + lane),
+                            load<V>(own.radius.data() + (i + 1) * kLanes + lane)) +
+                        max(pick<V>(other.radius.data() + j * kLanes, to),
+                            pick<V>(other.radius.data() + (j + 1) * kLanes, to));
+        const Lines lines(x, e, y, f);
+        const Mask found = lines.within(slack, reach) & (lines.squared_cosine < limit_square);
+        if (!any(found)) continue;
+        alignas(64) Real flags[kWidth];
+        store<V>(flags, select(found, one, zero));
+        for (int k = 0; k < kWidth; ++k) {
+          const int p = lane + k, q = to[k];
+          if (flags[k] == Real(0) || own.rod[index(p)] < 0 || other.rod[index(q)] < 0) continue;
+          if (a == b && p >= q) continue;  // seen from the other side
+          contact.crossings.push_back({a * kLanes + p, i, b * kLanes + q, j});
         }
+      }
   }
 
   /// Rods no further apart than `most` [m], and those that may touch.
@@ -228,7 +291,9 @@ class BundleSearch {
         const V reach = min(touching + bridge, max(touching, wide));
         const V far = broadcast<V>(static_cast<Real>(kFarAlong));
         const V square = squaredNorm(across);
-        const Mask near = (square < reach * reach) & (along < far) & (along > -far);
+        const V crowd = max(load<V>(own.crowd.data() + level * kLanes + lane),
+                            pick<V>(other.crowd.data() + level * kLanes, to + lane));
+        const Mask near = (square < min(reach * reach, crowd)) & (along < far) & (along > -far);
         if (!any(near)) continue;
         alignas(64) Real flags[kWidth], xs[kWidth], ys[kWidth], zs[kWidth], gaps[kWidth];
         store<V>(flags, select(near, broadcast<V>(1), V{}));
