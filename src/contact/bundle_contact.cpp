@@ -12,8 +12,6 @@ namespace {
 constexpr double kPi = 3.14159265358979323846;
 /// Of nodes at which the search looks there are about so many.
 constexpr int kUsualLevels = 6;
-/// Neighbours of a rod that are looked at, at a level: twice as many as can lie around it.
-constexpr std::size_t kNearest = 12;
 /// Until the next search the nearest come from within so many times their distance.
 constexpr float kCrowd = 1.25f;
 /// Where a third rod is so far inside the ball between two, as |c|²/(c·d), liquid does not bridge them;
@@ -62,73 +60,63 @@ std::size_t fieldSize(const BundleContact<Real>& contact, int rows) {
   return static_cast<std::size_t>(rows * contact.node_count * kLanes);
 }
 
+void takeNeighbour(BundleNeighbours& near, std::size_t rod, float x, float y, float z, float square) {
+  const std::size_t first = rod * kNearest;
+  std::size_t place;
+  if (near.count[rod] < kNearest) {
+    place = first + static_cast<std::size_t>(near.count[rod]++);
+  } else {
+    if (square >= near.reach[rod]) return;
+    place = first;
+    while (near.square[place] != near.reach[rod]) ++place;
+  }
+  near.x[place] = x, near.y[place] = y, near.z[place] = z, near.square[place] = square;
+  if (near.count[rod] < kNearest) return;
+  float farthest = 0.0f;
+  for (std::size_t i = first; i < first + kNearest; ++i) farthest = std::max(farthest, near.square[i]);
+  near.reach[rod] = farthest;
+}
+
 /// Keeps the nearest of the hits around every rod, all of one level, and how far they reach.
 template <class Real>
 void takeNear(const typename BundleContact<Real>::Hit* first,
               const typename BundleContact<Real>::Hit* last, std::size_t level,
               BundleContact<Real>& contact) {
-  auto& [all, begin, end] = contact.near;
+  BundleNeighbours& near = contact.near;
   const std::size_t rods = contact.batches.size() * kLanes;
-  begin.assign(rods + 1, 0);
-  for (const auto* hit = first; hit != last; ++hit)
-    for (const std::int32_t rod : {hit->a, hit->b}) ++begin[static_cast<std::size_t>(rod) + 1];
-  std::partial_sum(begin.begin(), begin.end(), begin.begin());
-  if (all.size() < begin.back()) all.resize(begin.back());
-  end.assign(begin.begin(), begin.end() - 1);
+  for (auto* field : {&near.x, &near.y, &near.z}) field->assign(rods * kNearest, 0.0f);
+  near.square.assign(rods * kNearest, 1.0f);
+  near.count.assign(rods, 0);
+  near.reach.assign(rods, std::numeric_limits<float>::max());
   for (const auto* hit = first; hit != last; ++hit) {
     const auto x = static_cast<float>(hit->x), y = static_cast<float>(hit->y),
-               z = static_cast<float>(hit->z), gap = static_cast<float>(hit->gap);
+               z = static_cast<float>(hit->z);
     const float square = x * x + y * y + z * z;
-    all[end[static_cast<std::size_t>(hit->a)]++] = {hit->b, x, y, z, square, gap};
-    all[end[static_cast<std::size_t>(hit->b)]++] = {hit->a, -x, -y, -z, square, gap};
+    takeNeighbour(near, static_cast<std::size_t>(hit->a), x, y, z, square);
+    takeNeighbour(near, static_cast<std::size_t>(hit->b), -x, -y, -z, square);
   }
-  for (std::size_t rod = 0; rod < rods; ++rod) {
-    Real& crowd = contact.batches[rod / kLanes].crowd[level * kLanes + rod % kLanes];
-    crowd = std::numeric_limits<Real>::max();
-    if (end[rod] - begin[rod] <= kNearest) continue;
-    const auto at = [&](std::size_t i) { return all.data() + i; };
-    std::nth_element(at(begin[rod]), at(begin[rod] + kNearest), at(end[rod]),
-                     [](const auto& a, const auto& b) {
-                       return a.square < b.square || (a.square == b.square && a.rod < b.rod);
-                     });
-    end[rod] = begin[rod] + kNearest;
-    crowd = static_cast<Real>(kCrowd * kCrowd * at(end[rod])->square);
-  }
+  for (std::size_t rod = 0; rod < rods; ++rod)
+    contact.batches[rod / kLanes].crowd[level * kLanes + rod % kLanes] =
+        near.count[rod] < kNearest ? std::numeric_limits<Real>::max()
+                                   : static_cast<Real>(kCrowd * kCrowd * near.reach[rod]);
 }
 
-bool isNear(const BundleNeighbours& near, std::int32_t rod, std::int32_t other) {
-  for (std::size_t i = near.begin[static_cast<std::size_t>(rod)];
-       i < near.end[static_cast<std::size_t>(rod)]; ++i)
-    if (near.all[i].rod == other) return true;
-  return false;
+/// How far nobody stands between a rod and another at (x, y, z), 0..1, by |c|²/(c·d) of the neighbour
+/// that is most between them; see kClosed.
+float openness(const BundleNeighbours& near, std::size_t rod, float x, float y, float z, float square) {
+  using V = Lanes<float, 4>;
+  // The other itself is on the surface, too.
+  const V nearer = broadcast<V>(0.999f * square), zero{}, tiny = broadcast<V>(1e-20f);
+  V least = broadcast<V>(1.0f);
+  for (std::size_t i = rod * kNearest; i < (rod + 1) * kNearest; i += 4) {
+    const V c = load<V>(near.square.data() + i);
+    const V product =
+        load<V>(near.x.data() + i) * x + load<V>(near.y.data() + i) * y + load<V>(near.z.data() + i) * z;
+    least = min(least, c / max(tiny, select(c < nearer, product, zero)));
+  }
+  const float most = std::min(std::min(least[0], least[1]), std::min(least[2], least[3]));
+  return std::max(0.0f, (most - kClosed) / (1.0f - kClosed));
 }
-
-/// The neighbours of a rod, one component after another, and one that is far off in empty places.
-struct Around {
-  Around(const BundleNeighbours& near, std::size_t rod) {
-    std::size_t count = 0;
-    for (std::size_t i = near.begin[rod]; i < near.end[rod]; ++i, ++count) {
-      const auto& c = near.all[i];
-      x[count] = c.x, y[count] = c.y, z[count] = c.z, square[count] = c.square;
-    }
-    for (; count < kNearest; ++count) x[count] = y[count] = z[count] = 0.0f, square[count] = 1.0f;
-  }
-  /// How far nobody stands between the rod and its neighbour, 0..1, by |c|²/(c·d) of the one that is
-  /// most between them; see kClosed.
-  float openness(const BundleNeighbours::Neighbour& other) const {
-    std::array<float, kNearest> ratio;
-    for (std::size_t i = 0; i < kNearest; ++i) {
-      const float product = x[i] * other.x + y[i] * other.y + z[i] * other.z;
-      // The other itself is on the surface, too.
-      const float is_nearer = square[i] < 0.999f * other.square ? 1.0f : 0.0f;
-      ratio[i] = square[i] / std::max(is_nearer * product, 1e-20f);
-    }
-    float least = 1.0f;
-    for (const float r : ratio) least = std::min(least, r);
-    return std::max(0.0f, (least - kClosed) / (1.0f - kClosed));
-  }
-  std::array<float, kNearest> x, y, z, square;
-};
 
 /// The pairs of every rod a with those after it, and how many neighbours a rod has at a level,
 /// [level][rod]. Liquid comes between rods, and goes, by `change` at most.
@@ -136,9 +124,9 @@ template <class Real>
 void findPairs(BundleContact<Real>& contact, float change, std::vector<std::vector<float>>& neighbours) {
   const std::size_t rods = contact.batches.size() * kLanes;
   const bool is_first = contact.search_count == 1;
-  std::swap(contact.pairs, contact.pairs_before);
-  for (auto* pairs : {&contact.pairs, &contact.pairs_before}) pairs->resize(rods);
-  for (auto& of_rod : contact.pairs) of_rod.clear();
+  contact.pairs.resize(rods);
+  for (auto& of_rod : contact.pairs)
+    for (BundlePair& pair : of_rod) pair.near = pair.acts = 0;
   neighbours.resize(contact.levels.size());
   for (auto& count : neighbours) count.assign(rods, 0.0f);
   BundleNeighbours& near = contact.near;
@@ -147,37 +135,41 @@ void findPairs(BundleContact<Real>& contact, float change, std::vector<std::vect
     while (last != hits_end && last->level == first->level) ++last;
     const auto level = static_cast<std::size_t>(first->level);
     takeNear<Real>(first, last, level, contact);
-    for (std::size_t rod = 0; rod < rods; ++rod) {
-      const Around around(near, rod);
-      const auto a = static_cast<std::int32_t>(rod);
-      for (std::size_t i = near.begin[rod]; i < near.end[rod]; ++i) {
-        const auto& other = near.all[i];
-        if (other.rod < a && isNear(near, other.rod, a)) continue;  // seen from the other side
-        float open = around.openness(other);
-        const std::int32_t one = std::min(a, other.rod), two = std::max(a, other.rod);
-        const auto find = [&](std::vector<BundlePair>& of_rod) {
-          return std::find_if(of_rod.begin(), of_rod.end(), [&](const auto& p) { return p.b == two; });
-        };
-        if (!is_first) {
-          auto& known = contact.pairs_before[static_cast<std::size_t>(one)];
-          const auto old = find(known);
-          const float before = old == known.end() ? 0.0f : old->open[level];
-          open = std::clamp(open, before - change, before + change);
-        }
-        // What soon may touch: as near as rods move until the next time, and no second neighbours.
-        const float distance = std::sqrt(other.square) - other.gap;
-        if (!(open > 0.0f) && other.gap > static_cast<float>(kSoon) *
-                                              std::min(static_cast<float>(contact.margin), distance))
-          continue;
-        auto& of_rod = contact.pairs[static_cast<std::size_t>(one)];
-        auto pair = find(of_rod);
-        if (pair == of_rod.end()) pair = of_rod.insert(of_rod.end(), {two, 0, {}});
-        pair->near |= 1u << level;
-        pair->open[level] = open;
-        neighbours[level][static_cast<std::size_t>(one)] += open;
-        neighbours[level][static_cast<std::size_t>(two)] += open;
+    for (const auto* hit = first; hit != last; ++hit) {
+      const auto a = static_cast<std::size_t>(hit->a), b = static_cast<std::size_t>(hit->b);
+      const auto x = static_cast<float>(hit->x), y = static_cast<float>(hit->y),
+                 z = static_cast<float>(hit->z), gap = static_cast<float>(hit->gap);
+      const float square = x * x + y * y + z * z;
+      const bool near_a = square <= near.reach[a];
+      if (!near_a && !(square <= near.reach[b])) continue;
+      float open = near_a ? openness(near, a, x, y, z, square) : openness(near, b, -x, -y, -z, square);
+      auto& of_rod = contact.pairs[std::min(a, b)];
+      const auto second = static_cast<std::int32_t>(std::max(a, b));
+      auto pair = std::find_if(of_rod.begin(), of_rod.end(),
+                               [&](const BundlePair& known) { return known.b == second; });
+      if (!is_first) {
+        const float before = pair == of_rod.end() ? 0.0f : pair->open[level];
+        open = std::clamp(open, before - change, before + change);
       }
+      // What soon may touch: as near as rods move until the next time, and no second neighbours.
+      const float distance = std::sqrt(square) - gap;
+      const float soon =
+          static_cast<float>(kSoon) * std::min(static_cast<float>(contact.margin), distance);
+      if (!(open > 0.0f) && gap > soon) continue;
+      if (pair == of_rod.end()) pair = of_rod.insert(of_rod.end(), {second, 0, 0, {}});
+      pair->near |= 1u << level;
+      if (open > 0.0f || gap < 0.0f) pair->acts |= 1u << level;
+      pair->open[level] = open;
+      for (const std::size_t rod : {a, b}) neighbours[level][rod] += open;
     }
+  }
+  for (auto& of_rod : contact.pairs) {
+    of_rod.erase(std::remove_if(of_rod.begin(), of_rod.end(),
+                                [](const BundlePair& pair) { return pair.near == 0; }),
+                 of_rod.end());
+    for (BundlePair& pair : of_rod)
+      for (std::size_t level = 0; level < contact.levels.size(); ++level)
+        if (!(pair.near >> level & 1u)) pair.open[level] = 0.0f;
   }
 }
 
@@ -328,7 +320,9 @@ BundleContact<Real> makeBundleContact(const BrushModel& brush, const ContactPara
   findPlaces(brush, contact);
   contact.ties_of.resize(batches.size());
   contact.phases.resize(batches.size());
-  contact.stretches.resize(batches.size());
+  contact.moved_apart.assign(batches.size() * batches.size(), std::numeric_limits<double>::max());
+  contact.acting.resize(batches.size());
+  contact.idle.resize(batches.size());
   contact.nodes_before = contact.stride;
   contact.records = contact.nodes_before + n + 1;
   for (auto* field : {&contact.points, &contact.ways, &contact.pulls})
@@ -362,9 +356,61 @@ bool takeInk(BundleContact<Real>& contact, const std::vector<double>& saturation
 }
 
 template <class Real>
+void takeCrossings(BundleContact<Real>& contact) {
+  // Neighbours push each other off by their nodes: at the crowded point of a wet tip, where they lie
+  // across each other at every angle, their edges would only shake them.
+  contact.crossings.clear();
+  for (const BundleCrossing& crossing : contact.all_crossings) {
+    const auto& of_rod = contact.pairs[static_cast<std::size_t>(std::min(crossing.a, crossing.b))];
+    const std::int32_t other = std::max(crossing.a, crossing.b);
+    if (std::none_of(of_rod.begin(), of_rod.end(), [&](const auto& pair) { return pair.b == other; }))
+      contact.crossings.push_back(crossing);
+  }
+}
+
+template <class Real>
+double noteWays(BundleContact<Real>& contact) {
+  struct Box {
+    std::array<float, 3> low, high;
+  };
+  thread_local std::vector<Box> boxes;  // scratch: it keeps its memory
+  const std::size_t batches = contact.batches.size(), levels = contact.levels.size();
+  boxes.resize(batches * levels);
+  for (std::size_t batch = 0; batch < batches; ++batch)
+    for (std::size_t level = 0; level < levels; ++level)
+      for (std::size_t i = 0; i < 3; ++i) {
+        const Real* way = contact.batches[batch].way.data() +
+                          (static_cast<std::size_t>(contact.levels[level]) * 3 + i) * kLanes;
+        const auto [low, high] = std::minmax_element(way, way + kLanes);
+        boxes[batch * levels + level].low[i] = static_cast<float>(*low);
+        boxes[batch * levels + level].high[i] = static_cast<float>(*high);
+      }
+  double largest = 0.0;
+  for (std::size_t a = 0; a < batches; ++a)
+    for (std::size_t b = a; b < batches; ++b) {
+      float most = 0.0f;
+      for (std::size_t level = 0; level < levels; ++level) {
+        const Box &one = boxes[a * levels + level], &two = boxes[b * levels + level];
+        float square = 0.0f;
+        for (std::size_t i = 0; i < 3; ++i) {
+          const float off = std::max(one.high[i] - two.low[i], two.high[i] - one.low[i]);
+          square += off * off;
+        }
+        most = std::max(most, square);
+      }
+      double& moved = contact.moved_apart[a * batches + b];
+      moved += std::sqrt(double(most));
+      largest = std::max(largest, moved);
+    }
+  return largest;
+}
+
+template <class Real>
 void forgetPairs(BundleContact<Real>& contact) {
   clearPacks(contact);
   contact.crossings.clear();
+  contact.all_crossings.clear();
+  std::fill(contact.moved_apart.begin(), contact.moved_apart.end(), std::numeric_limits<double>::max());
   for (auto& of_rod : contact.pairs) of_rod.clear();
   for (BundleBatch<Real>& batch : contact.batches)
     std::fill(batch.crowd.begin(), batch.crowd.end(), std::numeric_limits<Real>::max());
@@ -376,22 +422,12 @@ void takeHits(BundleContact<Real>& contact, double elapsed) {
   ++contact.search_count;
   const auto& neighbours = contact.neighbours;
   findPairs(contact, static_cast<float>(elapsed / kLiquidTime), contact.neighbours);
-  // Neighbours push each other off by their nodes: at the crowded point of a wet tip, where they lie
-  // across each other at every angle, their edges would only shake them.
-  const auto are_neighbours = [&](const BundleCrossing& crossing) {
-    const auto& of_rod = contact.pairs[static_cast<std::size_t>(std::min(crossing.a, crossing.b))];
-    const std::int32_t other = std::max(crossing.a, crossing.b);
-    return std::any_of(of_rod.begin(), of_rod.end(), [&](const auto& pair) { return pair.b == other; });
-  };
-  contact.crossings.erase(
-      std::remove_if(contact.crossings.begin(), contact.crossings.end(), are_neighbours),
-      contact.crossings.end());
-
   clearPacks(contact);
   const int levels = static_cast<int>(contact.levels.size());
   const int batches = static_cast<int>(contact.batches.size());
   for (int a = 0; a < batches; ++a) {
-    for (auto& list : contact.stretches) list.clear();
+    for (auto* lists : {&contact.acting, &contact.idle})
+      for (auto& list : *lists) list.clear();
     // By level, so that the nodes of a pack are about as far along their rods.
     for (int level = 0; level < levels; ++level)
       for (int lane = 0; lane < kLanes; ++lane)
@@ -410,12 +446,17 @@ void takeHits(BundleContact<Real>& contact, double elapsed) {
           std::int32_t one = lane, two = pair.b % kLanes;
           // So that within a batch all have about as many on either side.
           if (a == b && (one + two) % 2 != 0) std::swap(one, two);
-          contact.stretches[static_cast<std::size_t>(b)].push_back(
+          const bool acts = ((pair.acts >> level | pair.acts >> before) & 1u) != 0;
+          (acts ? contact.acting : contact.idle)[static_cast<std::size_t>(b)].push_back(
               {one, two, level, share(before), share(level)});
         }
-    for (int b = a; b < batches; ++b)
-      if (!contact.stretches[static_cast<std::size_t>(b)].empty())
-        pack(contact, a, b, contact.stretches[static_cast<std::size_t>(b)]);
+    for (int b = a; b < batches; ++b) {
+      auto &all = contact.acting[static_cast<std::size_t>(b)],
+           &idle = contact.idle[static_cast<std::size_t>(b)];
+      // Together, so that packs of them are soon done.
+      all.insert(all.end(), idle.begin(), idle.end());
+      if (!all.empty()) pack(contact, a, b, all);
+    }
   }
 }
 
@@ -476,6 +517,8 @@ int findGroups(const BundleContact<Real>& contact, int first_node,
   template BundleContact<Real> makeBundleContact(const BrushModel&, const ContactParameters&, \
                                                  const std::vector<std::vector<int>>&);       \
   template bool takeInk(BundleContact<Real>&, const std::vector<double>&);                    \
+  template void takeCrossings(BundleContact<Real>&);                                          \
+  template double noteWays(BundleContact<Real>&);                                             \
   template void forgetPairs(BundleContact<Real>&);                                            \
   template void takeHits(BundleContact<Real>&, double);                                       \
   template int findGroups(const BundleContact<Real>&, int,                                    \

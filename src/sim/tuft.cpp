@@ -21,10 +21,8 @@ namespace {
 constexpr double kSlipSpeed = 1e-3;
 /// A list of pairs serves until neighbours have moved by so many margins relative to each other, and at
 /// most for so long [s]. One that comes up from where it was not listed is noticed when it overlaps, and
-/// pushed off. Rods that cross come from further off: these are looked for when rods anywhere have moved
-/// by so many margins relative to each other, and at least every other time. Where next to nothing moves
-/// nobody looks, and rods come to rest.
-constexpr double kLeastMargins = 0.02, kSearchMargins = 2.0, kApartMargins = 3.0, kLongestSearch = 16e-3;
+/// pushed off. Where next to nothing moves nobody looks, and rods come to rest.
+constexpr double kLeastMargins = 0.02, kSearchMargins = 2.0, kLongestSearch = 16e-3;
 /// Time for which a rod is believed to go on with what it does by itself [s]. Beliefs are held to with
 /// the stiffness of all that touches, which is far more than inertia: what goes on for long goes on
 /// without loss, and small shocks of pairs that come and go add up. The shorter, the more rods drag each
@@ -125,7 +123,7 @@ class TuftOf : public Tuft {
       forgetBends(batch.framed.get(), batch.hair);
     }
     steps_ = 0;
-    moved_since_search_ = moved_apart_ = std::numeric_limits<double>::max();
+    moved_since_search_ = std::numeric_limits<double>::max();
     if (bundles_) forgetPairs(*bundles_);
     letGo();
     since_search_ = 0.0;
@@ -508,12 +506,13 @@ class TuftOf : public Tuft {
                            batch.state, bundle);
     });
     since_search_ += stage_->part * time_step_;
-    moved_apart_ += spreadOfWays();
-    const bool apart = moved_apart_ > kApartMargins * bundles.margin;
-    const bool moved = std::max(moved_since_search_, moved_apart_) > kLeastMargins * bundles.margin;
-    if (apart || moved_since_search_ > kSearchMargins * bundles.margin ||
-        (moved && since_search_ > kLongestSearch))
-      search(apart || bundles.search_count % 2 == 0);
+    const bool moved_far = moved_since_search_ > kSearchMargins * bundles.margin;
+    const bool moved = moved_since_search_ > kLeastMargins * bundles.margin;
+    const bool searches = moved_far || (moved && since_search_ > kLongestSearch);
+    if (searches) search();
+    const bool moved_apart = noteWays(bundles) > kApartMargins * bundles.margin;
+    if (moved_apart) coupling.findCrossings(bundles);
+    if (searches || moved_apart) takeCrossings(bundles);
     if (bundles.empty()) {
       letGo();
       for (Batch& batch : batches_) batch.state.guess.clear();
@@ -542,36 +541,14 @@ class TuftOf : public Tuft {
     moved_since_search_ += std::sqrt(double(most));
   }
 
-  void search(bool with_crossings) {
+  void search() {
     BundleContact<Real>& bundles = *bundles_;
     const Coupling<Real>& coupling = kernel_.template coupling<Real>();
-    coupling.find(bundles, with_crossings);
+    coupling.find(bundles);
     takeHits(bundles, since_search_);
-    { static long n=0,h=0,m=0,c=0,w=0,cr=0,pr=0,sp=0; ++n; h+=long(bundles.hits.size()); m+=long(bundles.packs.size()); cr+=with_crossings; if(with_crossings) c+=long(bundles.crossings.size()); w+=long(since_search_*1e6); for(auto&x:bundles.pairs) pr+=long(x.size()); for(auto&x:bundles.packs) sp+=x.count;
-      if(n%100==0) fprintf(stderr,"searches %ld hits %ld packs %ld fill %.2f pairs %ld crossings %ld of %ld every %ld us\n",n,h/100,m/100,double(sp)/double(m),pr/100,c/std::max(1L,cr),cr,w/100), h=m=c=w=pr=sp=cr=0; }
     since_search_ = 0.0;
     coupling.fill(bundles);
     moved_since_search_ = 0.0;
-    if (with_crossings) moved_apart_ = 0.0;
-  }
-
-  /// Largest difference of what nodes of one index are believed to do in the step [m].
-  double spreadOfWays() const {
-    double largest = 0.0;
-    for (const int node : bundles_->levels) {
-      double square = 0.0;
-      for (std::size_t i = 0; i < 3; ++i) {
-        Real low = std::numeric_limits<Real>::max(), high = -low;
-        for (const BundleBatch<Real>& bundle : bundles_->batches) {
-          const Real* way = bundle.way.data() + (static_cast<std::size_t>(node) * 3 + i) * kLanes;
-          low = std::min(low, *std::min_element(way, way + kLanes));
-          high = std::max(high, *std::max_element(way, way + kLanes));
-        }
-        square += double(high - low) * double(high - low);
-      }
-      largest = std::max(largest, square);
-    }
-    return std::sqrt(largest);
   }
 
   /// What the pairs pull, into the springs, and how groups are tied.
@@ -863,8 +840,8 @@ class TuftOf : public Tuft {
   std::unique_ptr<BundleContact<Real>> bundles_;  // null: the rods do not feel each other
   bool has_history_ = false;
   CommonMotionState<Real> common_;
-  double since_search_ = 0.0;                            // time [s]
-  double moved_since_search_ = 0.0, moved_apart_ = 0.0;  // neighbours, rods, relative to each other [m]
+  double since_search_ = 0.0;        // time [s]
+  double moved_since_search_ = 0.0;  // neighbours, relative to each other [m]
   std::array<double, 3> pivot_{};
   std::vector<Batch> batches_;
   std::vector<Place> place_;  // of each rod

@@ -20,8 +20,10 @@ using V = Lanes<double, 2>;
 using Pull = BundlePull<V>;
 
 void search(BundleContact<double>& contact) {
-  BundleSearch<V>::find(contact, true);
+  BundleSearch<V>::find(contact);
   takeHits(contact, 1.0);
+  BundleSearch<V>::findCrossings(contact);
+  takeCrossings(contact);
   Pull::fill(contact);
 }
 

@@ -97,6 +97,11 @@ struct BundleBatch {
 
 /// Cosine of the angle between edges from which they may cross unseen by nodes.
 constexpr double kCrossingCosine = 0.8;
+/// Rods that cross come from far off: they are looked for when two batches have moved by so many margins
+/// relative to each other.
+constexpr double kApartMargins = 3.0;
+/// With them, those that have moved by this part of it.
+constexpr double kSoonApart = 0.6;
 
 /// Gap below which rods may soon touch, in margins and over the distance of their axes.
 constexpr double kSoon = 0.5;
@@ -109,23 +114,23 @@ struct BundleCrossing {
 /// Levels along the rods at which neighbours are looked for, at most.
 constexpr std::size_t kMostLevels = 8;
 
-/// Two rods that feel each other, as batch · kLanes + lane: a bit for each level at which they are near,
-/// and how far there is liquid between them there, 0..1.
+/// Two rods that feel each other, as batch · kLanes + lane, the second the later one.
 struct BundlePair {
   std::int32_t b;
-  std::uint32_t near;
-  std::array<float, kMostLevels> open;
+  std::uint32_t near;                   ///< a bit for each level at which they are near each other
+  std::uint32_t acts;                   ///< and where they touch, or there is liquid between them
+  std::array<float, kMostLevels> open;  ///< how far there is, at the levels, 0..1
 };
 
-/// Rods near one another at a level, some of them: those of rod a are all[begin[a]] .. all[end[a] − 1].
+/// Neighbours of a rod that are looked at, at a level: more than can lie around it.
+constexpr int kNearest = 8;
+
+/// The nearest neighbours of rods at a level, and what is far off in empty places.
 struct BundleNeighbours {
-  struct Neighbour {
-    std::int32_t rod;
-    float x, y, z;      ///< to it, across the rods [m]
-    float square, gap;  ///< of that [m²]; between the surfaces [m]
-  };
-  std::vector<Neighbour> all;
-  std::vector<std::size_t> begin, end;
+  AlignedVector<float> x, y, z;  ///< to them, across the rods [m], [rod][place]
+  AlignedVector<float> square;   ///< of that [m²]
+  std::vector<int> count;        ///< [rod]
+  std::vector<float> reach;      ///< square of the distance of the last of kNearest [m²], [rod]
 };
 
 /// Contact and cohesion of the rods with one another.
@@ -186,16 +191,20 @@ struct BundleContact {
   int stride = 1;           ///< nodes from a level to the next, and up to the first
   std::vector<int> levels;  ///< nodes at which the search looks: the last, and every so many before it
   std::vector<Hit> hits;
-  std::vector<BundleCrossing> crossings;
-  std::vector<std::vector<BundlePair>> pairs, pairs_before;  ///< of rod a with those after it, [a]
-  BundleNeighbours near;                                     ///< scratch, as are those after it
+  std::vector<BundleCrossing> crossings;      ///< of rods that are no pair
+  std::vector<BundleCrossing> all_crossings;  ///< of any
+  /// By how much rods of a batch and of a later one may have moved relative to each other since it was
+  /// looked for crossings of them [m], [a · batches + b].
+  std::vector<double> moved_apart;
+  std::vector<std::vector<BundlePair>> pairs;  ///< of rod a with those after it, [a]
+  BundleNeighbours near;                       ///< scratch, as are those after it
   /// A stretch that is to come into a pack of two batches.
   struct Stretch {
     std::int32_t one, two, level;
     float before, here;
   };
-  std::vector<std::vector<Stretch>> stretches;  ///< of one batch with each, [batch]
-  std::vector<std::vector<float>> neighbours;   ///< how many a rod has at a level, [level][rod]
+  std::vector<std::vector<Stretch>> acting, idle;  ///< of one batch with each, [batch]
+  std::vector<std::vector<float>> neighbours;      ///< how many a rod has at a level, [level][rod]
   std::int64_t search_count = 0;
 
   bool empty() const { return packs.empty() && crossings.empty(); }
@@ -209,6 +218,14 @@ BundleContact<Real> makeBundleContact(const BrushModel& brush, const ContactPara
 /// Takes the ink of the rods, [rod · node count + node]. Returns whether it changed by what matters.
 template <class Real>
 bool takeInk(BundleContact<Real>& contact, const std::vector<double>& saturation);
+
+/// Takes the crossings of rods that are no pair out of all.
+template <class Real>
+void takeCrossings(BundleContact<Real>& contact);
+
+/// Adds what the believed ways of a step are to `moved_apart`. Returns the largest of it.
+template <class Real>
+double noteWays(BundleContact<Real>& contact);
 
 /// As if nothing had been found yet.
 template <class Real>

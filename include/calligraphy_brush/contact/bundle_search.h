@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <vector>
 
@@ -20,8 +21,8 @@ class BundleSearch {
   using Vector = Vec3<V>;
   using Mask = MaskOf<V>;
 
-  /// Into contact.hits and, if asked for, crossings, each pair once, at the believed points.
-  static void find(BundleContact<Real>& contact, bool with_crossings) {
+  /// Into contact.hits, each pair once, at the believed points.
+  static void find(BundleContact<Real>& contact) {
     contact.hits.clear();
     const int batches = static_cast<int>(contact.batches.size());
     const int levels = static_cast<int>(contact.levels.size());
@@ -36,17 +37,34 @@ class BundleSearch {
           if (meet(own, other, contact.margin, 0.0))
             compare(contact, a, b, contact.levels[index(level)], level, mostBetween(own, other));
         }
-    if (!with_crossings) return;
-    contact.crossings.clear();
+  }
+
+  /// Into contact.all_crossings; those of batches that have not moved far relative to each other stay.
+  static void findCrossings(BundleContact<Real>& contact) {
+    const int batches = static_cast<int>(contact.batches.size());
+    const int levels = static_cast<int>(contact.levels.size());
+    const std::vector<Ball>& balls = ballsOf(contact);
+    const auto isOld = [&](int a, int b) {
+      return contact.moved_apart[index(a * batches + b)] > kSoonApart * kApartMargins * contact.margin;
+    };
+    auto& all = contact.all_crossings;
+    all.erase(std::remove_if(all.begin(), all.end(),
+                             [&](const BundleCrossing& crossing) {
+                               return isOld(crossing.a / kLanes, crossing.b / kLanes);
+                             }),
+              all.end());
     for (int a = 0; a < batches; ++a)
-      for (int b = a; b < batches; ++b)
+      for (int b = a; b < batches; ++b) {
+        if (!isOld(a, b)) continue;
+        contact.moved_apart[index(a * batches + b)] = 0.0;
         for (int one = 0; one < levels; ++one)
           for (int two = 0; two < levels; ++two) {
-            const Ball &own = ball(a, one), &other = ball(b, two);
+            const Ball &own = balls[index(a * levels + one)], &other = balls[index(b * levels + two)];
             if (mayCross(own, other) &&
                 meet(own, other, kCrossingMargins * contact.margin, own.half + other.half))
-              findCrossings(contact, a, b, one, two, own, other);
+              findCrossingsAt(contact, a, b, one, two, own, other);
           }
+      }
   }
 
  private:
@@ -195,8 +213,8 @@ class BundleSearch {
   };
 
   /// Edges of two batches, each from one level to the next, where the straight lines over those cross.
-  static void findCrossings(BundleContact<Real>& contact, int a, int b, int level_a, int level_b,
-                            const Ball& ball_a, const Ball& ball_b) {
+  static void findCrossingsAt(BundleContact<Real>& contact, int a, int b, int level_a, int level_b,
+                              const Ball& ball_a, const Ball& ball_b) {
     const BundleBatch<Real>&own = contact.batches[index(a)], &other = contact.batches[index(b)];
     const auto number = [](double value) { return broadcast<V>(static_cast<Real>(value)); };
     const int first_a = edgesBegin(contact, level_a), last_a = contact.levels[index(level_a)];
@@ -261,7 +279,7 @@ class BundleSearch {
           const int p = lane + k, q = to[k];
           if (flags[k] == Real(0) || own.rod[index(p)] < 0 || other.rod[index(q)] < 0) continue;
           if (a == b && p >= q) continue;  // seen from the other side
-          contact.crossings.push_back({a * kLanes + p, i, b * kLanes + q, j});
+          contact.all_crossings.push_back({a * kLanes + p, i, b * kLanes + q, j});
         }
       }
   }

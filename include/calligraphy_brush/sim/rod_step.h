@@ -36,7 +36,8 @@ struct RodStep {
 /// What couples rods, in phases: BundleSearch's, BundlePull's and CommonMotion's.
 template <class Real>
 struct Coupling {
-  void (*find)(BundleContact<Real>&, bool with_crossings);
+  void (*find)(BundleContact<Real>&);
+  void (*findCrossings)(BundleContact<Real>&);
   void (*fill)(BundleContact<Real>&);
   void (*spread)(BundleContact<Real>&, int batch);
   void (*push)(BundleContact<Real>&, int tie);
@@ -267,9 +268,9 @@ constexpr Coupling<Real> coupling() {
   using V = Lanes<Real, Bytes / static_cast<int>(sizeof(Real))>;
   using Search = BundleSearch<V>;
   using Pull = BundlePull<V>;
-  return {&Search::find,           &Pull::fill,  &Pull::spread,   &Pull::push,
-          &Pull::gather,           &Pull::cross, &extrapolate<V>, &sumUp<V>,
-          &CommonMotion<V>::solve, &shift<V>};
+  return {&Search::find, &Search::findCrossings,  &Pull::fill,  &Pull::spread,
+          &Pull::push,   &Pull::gather,           &Pull::cross, &extrapolate<V>,
+          &sumUp<V>,     &CommonMotion<V>::solve, &shift<V>};
 }
 
 /// The step in registers of `Bytes` bytes.
