@@ -123,10 +123,10 @@ float openness(const BundleNeighbours& near, std::size_t rod, float x, float y, 
 template <class Real>
 void findPairs(BundleContact<Real>& contact, float change, std::vector<std::vector<float>>& neighbours) {
   const std::size_t rods = contact.batches.size() * kLanes;
-  const bool is_first = contact.search_count == 1;
   contact.pairs.resize(rods);
   for (auto& of_rod : contact.pairs)
     for (BundlePair& pair : of_rod) pair.near = pair.acts = 0;
+  contact.is_flowing = false;
   neighbours.resize(contact.levels.size());
   for (auto& count : neighbours) count.assign(rods, 0.0f);
   BundleNeighbours& near = contact.near;
@@ -147,10 +147,9 @@ void findPairs(BundleContact<Real>& contact, float change, std::vector<std::vect
       const auto second = static_cast<std::int32_t>(std::max(a, b));
       auto pair = std::find_if(of_rod.begin(), of_rod.end(),
                                [&](const BundlePair& known) { return known.b == second; });
-      if (!is_first) {
-        const float before = pair == of_rod.end() ? 0.0f : pair->open[level];
-        open = std::clamp(open, before - change, before + change);
-      }
+      const float before = pair == of_rod.end() ? 0.0f : pair->open[level];
+      contact.is_flowing = contact.is_flowing || std::abs(open - before) > change;
+      open = std::clamp(open, before - change, before + change);
       // What soon may touch: as near as rods move until the next time, and no second neighbours.
       const float distance = std::sqrt(square) - gap;
       const float soon =
@@ -414,12 +413,11 @@ void forgetPairs(BundleContact<Real>& contact) {
   for (auto& of_rod : contact.pairs) of_rod.clear();
   for (BundleBatch<Real>& batch : contact.batches)
     std::fill(batch.crowd.begin(), batch.crowd.end(), std::numeric_limits<Real>::max());
-  contact.search_count = 0;
+  contact.is_flowing = false;
 }
 
 template <class Real>
 void takeHits(BundleContact<Real>& contact, double elapsed) {
-  ++contact.search_count;
   const auto& neighbours = contact.neighbours;
   findPairs(contact, static_cast<float>(elapsed / kLiquidTime), contact.neighbours);
   clearPacks(contact);

@@ -23,11 +23,10 @@ constexpr double kSlipSpeed = 1e-3;
 /// most for so long [s]. One that comes up from where it was not listed is noticed when it overlaps, and
 /// pushed off. Where next to nothing moves nobody looks, and rods come to rest.
 constexpr double kLeastMargins = 0.02, kSearchMargins = 2.0, kLongestSearch = 16e-3;
-/// Time for which a rod is believed to go on with what it does by itself [s]. Beliefs are held to with
-/// the stiffness of all that touches, which is far more than inertia: what goes on for long goes on
-/// without loss, and small shocks of pairs that come and go add up. The shorter, the more rods drag each
-/// other.
-constexpr double kRelativeTime = 1e-3, kLeastRelative = 0.3;
+/// Time for which a rod is believed to go on with what it does by itself [s]. Believed for too long,
+/// small shocks of pairs that come and go add up; the shorter, the more rounds until rods know what
+/// their neighbours do.
+constexpr double kRelativeTime = 4.5e-3, kLeastRelative = 0.3;
 /// How far a common motion is trusted in a step, in margins.
 constexpr double kTrustInMargins = 2.0;
 
@@ -508,7 +507,7 @@ class TuftOf : public Tuft {
     since_search_ += stage_->part * time_step_;
     const bool moved_far = moved_since_search_ > kSearchMargins * bundles.margin;
     const bool moved = moved_since_search_ > kLeastMargins * bundles.margin;
-    const bool searches = moved_far || (moved && since_search_ > kLongestSearch);
+    const bool searches = moved_far || ((moved || bundles.is_flowing) && since_search_ > kLongestSearch);
     if (searches) search();
     const bool moved_apart = noteWays(bundles) > kApartMargins * bundles.margin;
     if (moved_apart) coupling.findCrossings(bundles);

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "calligraphy_brush/contact/contact_parameters.h"
 #include "scene.h"
 
 namespace calligraphy_brush {
@@ -20,7 +21,7 @@ struct TipShapeParameters : DynamicParameters {
   int rods = 0;
   double duration = 0.6;
   double drag = 0.01;
-  int rounds = 1;
+  int rounds = ContactParameters{}.coupling_rounds;
 
   template <class Self, class Visit>
   static void describe(Self& self, Visit& visit) {

@@ -205,7 +205,7 @@ struct BundleContact {
   };
   std::vector<std::vector<Stretch>> acting, idle;  ///< of one batch with each, [batch]
   std::vector<std::vector<float>> neighbours;      ///< how many a rod has at a level, [level][rod]
-  std::int64_t search_count = 0;
+  bool is_flowing = false;  ///< whether liquid is still coming between rods, or going
 
   bool empty() const { return packs.empty() && crossings.empty(); }
 };

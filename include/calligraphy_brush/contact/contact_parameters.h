@@ -14,11 +14,11 @@ struct ContactParameters {
   bool bundles = false;
   double bundle_friction = 0.1;
   double bundle_stiffness = 2.0;
-  double bundle_modulus = 600.0;
+  double bundle_modulus = 1000.0;
   double surface_tension = 0.042;
   double cohesion_range = 1.5;
-  int coupling_rounds = 1;
-  double coupling_tolerance = 1e-5;
+  int coupling_rounds = 4;
+  double coupling_tolerance = 2e-6;
 
   template <class Self, class Visit>
   static void describe(Self& self, Visit& visit) {
