@@ -110,7 +110,7 @@ void TipInk::touch(int rod_index, const std::vector<Eigen::Vector3d>& nodes) {
 }
 
 void TipInk::transfer(int rod_index, const std::vector<Eigen::Vector3d>& nodes,
-                      const std::vector<double>& push, Paper& paper) {
+                      const std::vector<double>& push, Paper& paper, Paper* picture) {
   Rod& rod = rods_[static_cast<std::size_t>(rod_index)];
   if (!rod.is_down) touch(rod_index, nodes);
   const auto last = static_cast<std::size_t>(node_count_ - 1);
@@ -120,7 +120,7 @@ void TipInk::transfer(int rod_index, const std::vector<Eigen::Vector3d>& nodes,
   for (std::size_t i = 0; i <= last; ++i) {
     const bool near_after = i < last && std::min(nodes[i + 1].z(), rod.nodes[i + 1].z()) < rod.reach;
     if (near_before || near || near_after)
-      transferAtNode(rod_index, static_cast<int>(i), nodes, push[i], paper);
+      transferAtNode(rod_index, static_cast<int>(i), nodes, push[i], paper, picture);
     near_before = near;
     near = near_after;
   }
@@ -134,11 +134,11 @@ double TipInk::chord(double radius, double height) {
 }
 
 void TipInk::transferAtNode(int rod_index, int node, const std::vector<Eigen::Vector3d>& nodes,
-                            double push, Paper& paper) {
+                            double push, Paper& paper, Paper* picture) {
   const Rod& rod = rods_[static_cast<std::size_t>(rod_index)];
   const std::size_t here = at(rod_index, node);
   const double part = capacity_[here] > 0.0 ? std::min(1.0, volume_[here] / capacity_[here]) : 0.0;
-  if (part <= 0.0 && paper.wetTileCount() == 0) return;
+  if (part <= 0.0 && paper.wetTileCount() == 0 && (!picture || picture->wetTileCount() == 0)) return;
   const double coat = parameters_.coat * part;
   const auto i = static_cast<std::size_t>(node);
 
@@ -212,6 +212,7 @@ void TipInk::transferAtNode(int rod_index, int node, const std::vector<Eigen::Ve
   piece.room = std::max(0.0, capacity_[here] - volume_[here]);
   piece.underside = rod.underside.data();
 
+  if (picture) picture->exchange(piece);
   const InkExchange given = paper.exchange(piece);
   volume_[here] = std::max(0.0, volume_[here] - given.volume);
   pigment_[here] = std::max(0.0, pigment_[here] - given.pigment);

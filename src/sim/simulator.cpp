@@ -82,6 +82,10 @@ struct Simulator::Implementation {
     reportInk();
   }
 
+  void clearPaper() {
+    paper.clear();
+    if (picture) picture->clear();
+  }
   void liftAll() {
     for (int rod = 0; rod < static_cast<int>(brush.rods.size()); ++rod) ink.lift(rod);
   }
@@ -138,6 +142,7 @@ struct Simulator::Implementation {
     ink.pass(step_ns);
     const bool due = isDrawingDue();
     if (due) paper.beginContact();
+    if (due && picture) picture->beginContact();
     bool transferred = false;
     for (int rod = 0; rod < static_cast<int>(brush.rods.size()); ++rod) {
       const RodOnPaper place = tuft->rodOnPaper(rod);
@@ -155,7 +160,7 @@ struct Simulator::Implementation {
         for (int node = 0; node < nodeCount(); ++node)
           push[static_cast<std::size_t>(node)] =
               place.touching > 0 ? tuft->contactForce(rod, node).z() : 0.0;
-        ink.transfer(rod, nodes, push, paper);
+        ink.transfer(rod, nodes, push, paper, picture.get());
         transferred = true;
         if (!is_near) ink.lift(rod);
       }
@@ -202,7 +207,9 @@ struct Simulator::Implementation {
 
   void flowPaper() {
     const StageTimer timer(report, Stage::kFlowPaper);
-    if (isFlowDue()) paper.flow(flowSeconds());
+    if (!isFlowDue()) return;
+    paper.flow(flowSeconds());
+    if (picture) picture->flow(flowSeconds());
   }
 
   SimulatorParameters parameters;
@@ -214,6 +221,7 @@ struct Simulator::Implementation {
   TipInk ink;
   CapillaryFlow capillary_flow;
   Paper paper;
+  std::unique_ptr<Paper> picture;  // see drawAlsoAt
   SimulatorReport report;
   std::int64_t time_ns = 0;
   HandlePose handle;
@@ -286,6 +294,13 @@ int Simulator::advanceTo(std::int64_t stamp_ns) {
   return steps;
 }
 
+void Simulator::drawAlsoAt(double px_per_mm) {
+  SimulatorParameters parameters = implementation_->parameters;
+  parameters.paper.px_per_mm = px_per_mm;
+  checkParameters(parameters);
+  implementation_->picture = std::make_unique<Paper>(parameters.paper);
+}
+
 void Simulator::dip() {
   implementation_->ink.dip();
   implementation_->tellInk();
@@ -299,13 +314,13 @@ void Simulator::wipe() {
 }
 
 void Simulator::clearPaper() {
-  implementation_->paper.clear();
+  implementation_->clearPaper();
 }
 
 void Simulator::reset() {
   Implementation& s = *implementation_;
   s.track.clear();
-  s.paper.clear();
+  s.clearPaper();
   s.liftAll();
   s.ink.dip();
   s.tellInk();
@@ -323,6 +338,10 @@ const BrushModel& Simulator::brush() const {
 }
 const Paper& Simulator::paper() const {
   return implementation_->paper;
+}
+const Paper& Simulator::picture() const {
+  const Implementation& s = *implementation_;
+  return s.picture ? *s.picture : s.paper;
 }
 const SimulatorReport& Simulator::report() const {
   return implementation_->report;

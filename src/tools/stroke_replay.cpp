@@ -35,6 +35,7 @@ struct Arguments {
   bool quiet = false, state_hash = false;
   std::string format = "grey", strokes, outline;
   int undo = 0;
+  double px_per_mm = 0.0;  // 0: as the paper has
 };
 
 /// "out.png" and "_01" to "out_01.png".
@@ -93,7 +94,7 @@ class Strokes {
   /// are none to take back.
   Paper finish(const Simulator& simulator) {
     if (is_used_ && touched_) end(simulator);
-    if (arguments_.undo == 0) return simulator.paper();
+    if (arguments_.undo == 0) return simulator.picture();
     if (arguments_.undo > count_)
       throw std::runtime_error("undo = " + std::to_string(arguments_.undo) + ", but there are " +
                                std::to_string(count_) + " strokes");
@@ -123,7 +124,7 @@ class Strokes {
 
   void end(const Simulator& simulator) {
     ++count_;
-    const Paper& paper = simulator.paper();
+    const Paper& paper = simulator.picture();
     if (!arguments_.strokes.empty() || !arguments_.outline.empty()) {
       std::vector<std::uint8_t> added;
       paper.renderAdded(aged(ends_.back(), simulator.time_ns()), added);
@@ -190,11 +191,16 @@ void replay(const Arguments& arguments, const PoseBag& bag, const BrushSimulator
             const std::function<void(BrushSimulatorParameters&)>& change) {
   std::map<std::string, std::uint64_t> refused = bag.unreachable;
   Simulator simulator(parameters.simulator);
+  const auto redraw = [&] {
+    const double given = arguments.px_per_mm;
+    if (given > 0.0 && given != simulator.parameters().paper.px_per_mm) simulator.drawAlsoAt(given);
+  };
+  redraw();
   // A picture that cannot be written shall not cost a simulation first.
   { const AtomicFile probe(arguments.picture); }
   for (const std::string& path : {arguments.strokes, arguments.outline})
     if (!path.empty()) const AtomicFile probe(path);
-  Strokes strokes(arguments, simulator.paper());
+  Strokes strokes(arguments, simulator.picture());
 
   using Clock = std::chrono::steady_clock;
   const auto begin = Clock::now();
@@ -210,7 +216,8 @@ void replay(const Arguments& arguments, const PoseBag& bag, const BrushSimulator
         changed.simulator = later->second;
         change(changed);
         simulator = Simulator(changed.simulator);
-        strokes.beginAnew(simulator.paper());
+        redraw();
+        strokes.beginAnew(simulator.picture());
       } else {
         apply(event->kind, simulator);
       }
@@ -268,7 +275,6 @@ void replay(const Arguments& arguments, const PoseBag& bag, const BrushSimulator
 
 void run(const std::vector<std::string>& words) {
   Arguments arguments;
-  double px_per_mm = 0.0;
   int threads = 0;
   po::options_description options("Options");
   options.add_options()("help", "show this and exit");
@@ -276,8 +282,8 @@ void run(const std::vector<std::string>& words) {
                         "preset in config/brushes, or a YAML file; default: as recorded, else medium");
   options.add_options()("paper", po::value(&arguments.paper)->value_name("NAME|FILE"),
                         "preset in config/papers, or a YAML file; default: as recorded, else plain");
-  options.add_options()("px-per-mm", po::value(&px_per_mm)->value_name("N"),
-                        "resolution, instead of the paper's");
+  options.add_options()("px-per-mm", po::value(&arguments.px_per_mm)->value_name("N"),
+                        "resolution of what is written; the brush moves as on the paper as recorded");
   options.add_options()("format",
                         po::value(&arguments.format)->default_value("grey")->value_name("KIND"),
                         "grey, grey16, colour, or transparent: ink without paper");
@@ -334,9 +340,12 @@ void run(const std::vector<std::string>& words) {
   const auto change = [&](BrushSimulatorParameters& recorded) {
     if (!arguments.brush.empty()) loadYamlParameters(findPreset("brushes", arguments.brush), recorded);
     if (!arguments.paper.empty()) loadYamlParameters(findPreset("papers", arguments.paper), recorded);
-    if (values.count("px-per-mm") > 0) recorded.simulator.paper.px_per_mm = px_per_mm;
     if (values.count("threads") > 0) recorded.simulator.rods.threads = threads;
     checkParameters(recorded);
+    if (values.count("px-per-mm") == 0) return;
+    BrushSimulatorParameters redrawn = recorded;
+    redrawn.simulator.paper.px_per_mm = arguments.px_per_mm;
+    checkParameters(redrawn);
   };
   change(parameters);
   replay(arguments, bag, parameters, change);

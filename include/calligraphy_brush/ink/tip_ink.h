@@ -46,8 +46,9 @@ class TipInk {
   /// σ; ink on it fills coat · S of that, S being the part of its room that is filled. So a wet bundle
   /// reaches everything, a dry one the peaks: kasure. Balance: with the same law of suction over filling
   /// in tip and sheet, the sheet's filling is S too.
+  /// `picture`, if there is one, is drawn on alike, and the bundle does not feel it.
   void transfer(int rod, const std::vector<Eigen::Vector3d>& nodes, const std::vector<double>& push,
-                Paper& paper);
+                Paper& paper, Paper* picture = nullptr);
 
   /// The rod is off the sheet: forgets where it last touched.
   void lift(int rod) { rods_[static_cast<std::size_t>(rod)].is_down = false; }
@@ -80,7 +81,7 @@ class TipInk {
   /// Half of the chord in which a bundle touches [m].
   static double chord(double radius, double height);
   void transferAtNode(int rod, int node, const std::vector<Eigen::Vector3d>& nodes, double push,
-                      Paper& paper);
+                      Paper& paper, Paper* picture);
 
   std::size_t at(int rod, int node) const { return static_cast<std::size_t>(rod * node_count_ + node); }
   double sum(const std::vector<double>& field, int rod) const;

@@ -75,9 +75,15 @@ class Simulator {
   /// As after construction: clean sheet, dipped brush, no poses.
   void reset();
 
+  /// From now on a second sheet of another resolution [px/mm] is drawn on as well. The brush does not
+  /// feel it: it moves and loses ink as without, so that pictures at all resolutions show one stroke.
+  /// Throws ParameterError where paper/px_per_mm would be out of range.
+  void drawAlsoAt(double px_per_mm);
+
   const SimulatorParameters& parameters() const;
   const BrushModel& brush() const;
   const Paper& paper() const;
+  const Paper& picture() const;  ///< the second sheet, if there is one, else paper()
   const SimulatorReport& report() const;
 
   /// Time of the last step taken [ns], in the stamps of the poses; 0 before the first pose.
