@@ -191,11 +191,19 @@ const std::vector<Scene>& scenes() {
           "rod runs along\n"
           "the other.",
           cohesionPair),
-      makeScene("cohesion_row", "Rods in a row cling in groups, which are larger for longer rods.",
-                "As cohesion_pair: rods are pressed together in equal groups and let go. The size at "
-                "which they hold is\n"
-                "halved into.",
-                cohesionRow),
+      makeScene(
+          "cohesion_row", "Rods in a row cling in groups, which are larger for longer rods.",
+          "Dry rods are pressed together in groups, as equal as may be, wetted and let go. dry_length "
+          "of a "
+          "group is that of\n"
+          "its widest seam, found as in cohesion_pair for all rods on one side of it against all on the "
+          "other, twice\n"
+          "the length of the rods where they part. There are as many groups as bring the mean of it "
+          "nearest to the\n"
+          "length. Larger groups may stay together by their very ends, if these have been brought "
+          "together. count\n"
+          "should be some times the size of a group.",
+          cohesionRow),
       makeScene(
           "tip_shape", "A tuft with ink closes in the air, and is pressed on the sheet.",
           "The straight rods are wetted and come to rest. With a depth the upright handle then goes "
