@@ -176,11 +176,13 @@ const std::vector<Scene>& scenes() {
                 "g cos(angle)\n"
                 "into the sheet, and as a force on the block m g sin(angle) along it. Over one second.",
                 incline),
-      makeScene("slam", "The handle slams 20 mm into the sheet in 20 ms and drags 100 mm in 0.1 s.",
-                "The rod of the tables, with the settings that the node has by default. While dragging, "
-                "the handle\n"
-                "turns from -5 to 70 degrees against the hair, which bends it by more than 150 degrees.",
-                slam),
+      makeScene(
+          "slam", "The handle slams 20 mm into the sheet in 20 ms and drags 100 mm in 0.1 s.",
+          "The rod of the tables, or a tuft, with the settings that the node has by default. While "
+          "dragging, "
+          "the handle\n"
+          "turns from -5 to 70 degrees against the hair, which bends it by more than 150 degrees.",
+          slam),
       makeScene(
           "cohesion_pair", "Two parallel rods are pressed together and cling by the ink between them.",
           "Loads on the nodes press the rods together and are taken away; they come to rest in a "
