@@ -239,6 +239,11 @@ Seam seamAfter(const RowOfRods& row, int rod) {
     zz += z * z;
     zk += z * k;
   }
+  // Closed from the clamp on, as far as nodes tell.
+  if (count < 2) {
+    seam.free.length = 0.0;
+    return seam;
+  }
   const double slope = (z1 * k1 - count * zk) / (count * zz - z1 * z1);
   seam.free = integrateFreePart((k1 + slope * z1) / count, slope);
   return seam;
