@@ -10,6 +10,11 @@ namespace calligraphy_brush {
 namespace validate {
 namespace {
 
+/// The first rod of a group, of `groups` along a row of `count` rods, as equal as may be.
+int firstRod(int group, int groups, int count) {
+  return (group * count + groups - 1) / groups;
+}
+
 /// Parallel rods in the plane y = 0, in units in which they are 1 long.
 ///
 /// A shape at rest only depends on B/w. So the liquid is the brush's own: of the default surface
@@ -17,7 +22,9 @@ namespace {
 /// that w/B is what is asked for. The medium is viscous: nothing overshoots.
 class RowOfRods {
  public:
-  RowOfRods(const CohesionParameters& p, int count)
+  /// hardness: of the contact. The pull of the liquid dents it by 2/hardness of the range, and it holds
+  /// by the part 2/hardness of w more.
+  RowOfRods(const CohesionParameters& p, int count, double hardness)
       : p_(p), count_(count), nodes_(p.nodes), spacing_(p.spacing / p.length), radius_(0.5 * spacing_) {
     const ContactParameters defaults;
     energy_ = defaults.surface_tension * cohesionEnergy(1.0) * radius_;
@@ -35,63 +42,61 @@ class RowOfRods {
       model.root_H.x() = (rod - 0.5 * (count - 1)) * (spacing_ + 2.0 * radius_);
       brush.rods.push_back(std::move(model));
     }
-    RodParameters rods = exactRods(0.1, "backward_euler", p.precision);
-    rods.damping = 10.0;
+    // Where groups move as one, a step in which their inertia counts for little gets no further by being
+    // longer; and one round a step comes to rest where many do.
+    RodParameters rods = exactRods(0.01, "backward_euler", p.precision);
+    rods.damping = 7.0;
     rods.max_iterations = 50;
     rods.wet_stiffness = 1.0;
     rods.wet_memory = 0.0;
     ContactParameters contact = noPaper();
     contact.bundles = true;
-    // The pull of the liquid dents the contact, which then holds by as much more: by a hundredth.
     contact.bundle_stiffness = 0.01;
-    contact.bundle_modulus = 200.0 * energy_ / std::pow(range_ * spacing_, 2.0);
+    contact.bundle_modulus = hardness * energy_ / std::pow(range_ * spacing_, 2.0);
     contact.bundle_friction = 0.0;
     contact.cohesion_range = range_ * spacing_ / (2.0 * radius_);
-    contact.coupling_rounds = 60;
-    contact.coupling_tolerance = 1e-7 * spacing_;
+    contact.coupling_rounds = 1;
     tuft_ = makeTuft(brush, rods, contact);
   }
 
   /// L_dry of two rods for small slopes.
   double dryLength() const { return std::pow(9.0 * bending_ * spacing_ * spacing_ / energy_, 0.25); }
 
-  /// Presses the rods together in groups of `size` along the row, the last the rest, lets go of them
-  /// and lets them come to rest. Returns whether they did.
-  bool gather(int size) {
+  /// Presses the dry rods together in groups along the row, as equal as may be, wets them, lets go of
+  /// them and lets them come to rest: to where nodes move against their neighbours by less than the part
+  /// `still` of the spacing in a step. Returns whether they did.
+  bool gather(int groups, double still) {
+    groups_ = groups;
     tuft_->place(Eigen::Isometry3d::Identity());
-    tuft_->setInk(std::vector<double>(static_cast<std::size_t>(count_ * nodes_), 1.0));
+    setInk(0.0);
     // Under a load q a clamped rod touches a wall at the distance δ from (72 B δ/q)^¼ on.
     // More, and the pair falls over to one side.
     const double touching = 0.8;
     const double edge = 1.0 / (nodes_ - 1);
     const auto press = [&](double part) {
       for (int rod = 0; rod < count_; ++rod) {
-        const int first = rod / size * size, last = std::min(first + size, count_) - 1;
-        const double way = (0.5 * (first + last) - rod) * spacing_;
+        const double way = (0.5 * (firstOf(rod) + lastOf(rod)) - rod) * spacing_;
         const double load = part * 72.0 * bending_ * way / std::pow(touching, 4.0);
         for (int node = 1; node < nodes_; ++node)
           tuft_->setNodeForce(rod, node, {load * edge * (node == nodes_ - 1 ? 0.5 : 1.0), 0, 0});
       }
     };
-    const int pressing = 200, letting_go = 200;
-    for (int step = 1; step <= pressing; ++step) {
-      press(static_cast<double>(step) / pressing);
-      this->step();
+    const int portions = 20, steps = 20;  // in each
+    for (int portion = 1; portion <= portions; ++portion) {
+      press(static_cast<double>(portion) / portions);
+      for (int i = 0; i < steps; ++i) step();
     }
-    for (int step = 1; step <= letting_go; ++step) {
-      press(std::pow(1.0 - static_cast<double>(step) / letting_go, 4.0));
-      this->step();
+    setInk(1.0);
+    for (int portion = 1; portion <= portions; ++portion) {
+      press(std::pow(1.0 - static_cast<double>(portion) / portions, 4.0));
+      for (int i = 0; i < steps; ++i) step();
     }
-    return rest(4000);
+    return rest((p_.precision == "float" ? 1e-4 : still) * spacing_);
   }
 
-  /// How many rods hang together, group by group along the row.
-  std::vector<int> groups() const {
-    std::vector<int> label(static_cast<std::size_t>(count_)), sizes;
-    sizes.assign(static_cast<std::size_t>(tuft_->groups(1.0, label)), 0);
-    for (const int group : label) ++sizes[static_cast<std::size_t>(group)];
-    return sizes;
-  }
+  /// The first and the last rod of a rod's group.
+  int firstOf(int rod) const { return firstRod(rod * groups_ / count_, groups_, count_); }
+  int lastOf(int rod) const { return firstRod(rod * groups_ / count_ + 1, groups_, count_) - 1; }
 
   std::vector<Eigen::Vector3d> shape(int rod) const {
     std::vector<Eigen::Vector3d> nodes;
@@ -123,28 +128,36 @@ class RowOfRods {
  private:
   void step() { iterations_ += tuft_->step(Eigen::Isometry3d::Identity()).iterations; }
 
-  /// Until no node moves by rounding for 20 steps.
-  bool rest(int most) {
-    const double rounding = (p_.precision == "float" ? 1e-4 : 1e-9) * spacing_;
-    std::vector<Eigen::Vector3d> before(static_cast<std::size_t>(count_ * nodes_));
-    for (int count = 0, still = 0; count < most; ++count) {
+  void setInk(double saturation) {
+    tuft_->setInk(std::vector<double>(static_cast<std::size_t>(count_ * nodes_), saturation));
+  }
+
+  /// Until no node moves against its neighbours by more than `still` for 20 steps.
+  bool rest(double still) {
+    std::vector<std::vector<Eigen::Vector3d>> before(static_cast<std::size_t>(count_)), now = before;
+    for (auto& rod : before) rod.assign(static_cast<std::size_t>(nodes_), Eigen::Vector3d::Zero());
+    const int most = 10000;
+    for (int count = 0, still_steps = 0; count < most; ++count) {
       step();
       double moved = 0.0;
-      for (int rod = 0; rod < count_; ++rod)
-        for (int node = 1; node < nodes_; ++node) {
-          const Eigen::Vector3d now = tuft_->nodePosition(rod, node);
-          Eigen::Vector3d& then = before[static_cast<std::size_t>(rod * nodes_ + node)];
-          moved = std::max(moved, (now - then).norm());
-          then = now;
-        }
-      still = moved <= rounding ? still + 1 : 0;
-      if (still == 20) return true;
+      for (int rod = 0; rod < count_; ++rod) {
+        const auto at = static_cast<std::size_t>(rod);
+        tuft_->readRod(rod, now[at]);
+        if (rod == firstOf(rod)) continue;
+        for (std::size_t node = 1; node < now[at].size(); ++node)
+          moved = std::max(
+              moved,
+              ((now[at][node] - now[at - 1][node]) - (before[at][node] - before[at - 1][node])).norm());
+      }
+      before.swap(now);
+      still_steps = moved <= still ? still_steps + 1 : 0;
+      if (still_steps == 20) return true;
     }
     return false;
   }
 
   CohesionParameters p_;
-  int count_, nodes_;
+  int count_, nodes_, groups_ = 1;
   double spacing_, radius_, range_ = 0, energy_ = 0, bending_ = 0;
   std::unique_ptr<Tuft> tuft_;
   int iterations_ = 0;
@@ -183,66 +196,113 @@ FreePart integrateFreePart(double curvature, double slope) {
   return free;
 }
 
-}  // namespace
+/// Taken for the dry length of a seam whose rods do not touch, over their length: what it is where they
+/// touch at their very ends, with no moment there.
+constexpr double kApart = 2.0;
 
-CohesionPairResult cohesionPair(const CohesionPairParameters& p) {
-  RowOfRods pair(p, 2);
-  CohesionPairResult result;
-  result.converged = pair.gather(2);
-  result.iterations = pair.iterations();
-  result.holds = pair.groups().size() == 1;
-  if (!result.holds) return result;
+/// What is between two neighbours of a group, all rods on one side of it against all on the other.
+struct Seam {
+  double pulled_from = kNone, first_contact = kNone;  ///< parts of the length
+  FreePart free{kNone, kNone, kNone};                 ///< its dry length; none if they do not touch
+};
 
-  const auto left = pair.shape(0), right = pair.shape(1);
+/// Rods that only feel each other bend, added up, as one that feels the force at the seam alone. So up
+/// to where the liquid in the seam pulls the mean curvatures are straight lines in the depth, and so is
+/// half of their difference, by which the two sides approach.
+Seam seamAfter(const RowOfRods& row, int rod) {
+  Seam seam;
+  const auto left = row.shape(rod), right = row.shape(rod + 1);
   std::vector<double> gap;
   for (std::size_t node = 0; node < left.size(); ++node)
-    gap.push_back((left[node] - right[node]).norm() - 2.0 * pair.radius());
-  result.pulled_from = p.length * firstBelow(gap, pair.range());
-  result.first_contact = p.length * firstBelow(gap, 1e-3 * pair.range());
+    gap.push_back((left[node] - right[node]).norm() - 2.0 * row.radius());
+  seam.pulled_from = firstBelow(gap, row.range());
+  seam.first_contact = firstBelow(gap, 1e-3 * row.range());
+  if (!(*std::min_element(gap.begin(), gap.end()) < 0.5 * row.range())) return seam;
 
-  // Both bend towards each other; from the first pulled node on their force changes.
-  const auto of_left = RowOfRods::curvature(left), of_right = RowOfRods::curvature(right);
+  std::vector<double> depth(gap.size(), 0.0), curvature(gap.size() - 1, 0.0);
+  const int first = row.firstOf(rod), last = row.lastOf(rod);
+  for (int i = first; i <= last; ++i) {
+    const auto shape = row.shape(i);
+    const auto of_rod = RowOfRods::curvature(shape);
+    const double share = i <= rod ? -0.5 / (rod - first + 1) : 0.5 / (last - rod);
+    for (std::size_t node = 0; node < of_rod.size(); ++node) {
+      curvature[node] += share * of_rod[node];
+      depth[node] -= std::abs(share) * shape[node].z();
+    }
+  }
   double count = 0, z1 = 0, k1 = 0, zz = 0, zk = 0;
-  for (std::size_t node = 0; node < of_left.size() && gap[node] >= pair.range(); ++node) {
-    const double z = -0.5 * (left[node].z() + right[node].z());
-    const double k = 0.5 * (of_right[node] - of_left[node]);
+  for (std::size_t node = 0; node < curvature.size() && gap[node] >= row.range(); ++node) {
+    const double z = depth[node], k = curvature[node];
     count += 1;
     z1 += z;
     k1 += k;
     zz += z * z;
     zk += z * k;
   }
+  // Closed from the clamp on, as far as nodes tell.
+  if (count < 2) {
+    seam.free.length = 0.0;
+    return seam;
+  }
   const double slope = (z1 * k1 - count * zk) / (count * zz - z1 * z1);
-  const FreePart free = integrateFreePart((k1 + slope * z1) / count, slope);
+  seam.free = integrateFreePart((k1 + slope * z1) / count, slope);
+  return seam;
+}
+
+}  // namespace
+
+CohesionPairResult cohesionPair(const CohesionPairParameters& p) {
+  RowOfRods pair(p, 2, 200.0);
+  CohesionPairResult result;
+  result.converged = pair.gather(1, 1e-9);
+  result.iterations = pair.iterations();
+  const Seam seam = seamAfter(pair, 0);
+  result.holds = std::isfinite(seam.free.length);
+  if (!result.holds) return result;
   // In units of the parameters.
-  result.dry_length = p.length * free.length;
-  result.root_moment = p.bending / p.length * free.curvature;
-  result.energy = p.bending / p.length * 2.0 * free.energy - p.energy * (p.length - result.dry_length);
+  result.pulled_from = p.length * seam.pulled_from;
+  result.first_contact = p.length * seam.first_contact;
+  result.dry_length = p.length * seam.free.length;
+  result.root_moment = p.bending / p.length * seam.free.curvature;
+  result.energy =
+      p.bending / p.length * 2.0 * seam.free.energy - p.energy * (p.length - result.dry_length);
   result.stuck = result.energy < 0;
   return result;
 }
 
 CohesionRowResult cohesionRow(const CohesionRowParameters& p) {
-  RowOfRods row(p, p.count);
+  RowOfRods row(p, p.count, 20.0);
   CohesionRowResult result;
   result.predicted = 2.0 * std::pow(1.0 / row.dryLength(), 4.0 / 3.0);
   result.converged = true;
-  // Whether groups of a size hold; larger ones part sooner.
-  const auto hold = [&](int size) {
-    result.converged = row.gather(size) && result.converged;
-    std::vector<int> sizes = row.groups();
-    const int largest = *std::max_element(sizes.begin(), sizes.end());
-    const bool held = static_cast<int>(sizes.size()) == (p.count + size - 1) / size && largest == size;
-    if (held) result.group_sizes = std::move(sizes);
-    return held;
+  // Of the widest seams of the groups, the mean dry length; larger groups have wider ones.
+  const auto dryLength = [&](int groups) {
+    result.converged = row.gather(groups, 1e-5) && result.converged;
+    double sum = 0.0, widest = 0.0;
+    for (int rod = 0; rod < p.count; ++rod) {
+      if (rod < row.lastOf(rod)) {
+        const double length = seamAfter(row, rod).free.length;
+        widest = std::max(widest, std::isnan(length) ? kApart : length);
+      } else {
+        sum += widest;
+        widest = 0.0;
+      }
+    }
+    return sum / groups;
   };
-  int holds = 1, parts = p.count + 1;
-  result.group_sizes.assign(static_cast<std::size_t>(p.count), 1);
-  while (parts - holds > 1) {
-    const int middle = (holds + parts) / 2;
-    (hold(middle) ? holds : parts) = middle;
+  int close = p.count, open = 0;
+  double of_close = 0.0, of_open = INFINITY;
+  while (close - open > 1) {
+    const int middle = (close + open) / 2;
+    const double length = dryLength(middle);
+    (length <= 1.0 ? close : open) = middle;
+    (length <= 1.0 ? of_close : of_open) = length;
   }
-  result.largest = holds;
+  const int groups = of_open - 1.0 < 1.0 - of_close ? open : close;
+  for (int group = 0; group < groups; ++group)
+    result.group_sizes.push_back(firstRod(group + 1, groups, p.count) -
+                                 firstRod(group, groups, p.count));
+  result.largest = *std::max_element(result.group_sizes.begin(), result.group_sizes.end());
   result.iterations = row.iterations();
   return result;
 }

@@ -66,8 +66,9 @@ struct CohesionRowParameters : CohesionParameters {
   CohesionRowParameters() {
     nodes = 40;
     spacing = 2e-4;
+    range = 0.5;
   }
-  int count = 16;
+  int count = 64;
 
   template <class Self, class Visit>
   static void describe(Self& self, Visit& visit) {
@@ -83,11 +84,14 @@ struct CohesionRowResult : SceneResult {
 
   template <class Self, class Visit>
   static void describe(Self& self, Visit& visit) {
-    visit(
-        "group_sizes", self.group_sizes, "1",
-        "Rods in each group along the row, at rest: the largest equal groups that hold, and the rest.");
+    visit("group_sizes", self.group_sizes, "1",
+          "Rods in each group along the row, as equal as may be: of so many groups that those at rest "
+          "cling up "
+          "to the ends of their rods.");
     visit("largest", self.largest, "1", "The largest of them.");
-    visit("predicted", self.predicted, "1", "2 (L/L_dry)^(4/3), with L_dry of two rods.");
+    visit(
+        "predicted", self.predicted, "1",
+        "2 (L/L_dry)^(4/3), with L_dry of two rods: so large that two halves cling at their very ends.");
     SceneResult::describe(self, visit);
   }
 };

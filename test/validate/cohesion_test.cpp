@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <numeric>
 
 #include "reference_table.h"
 #include "tip.h"
@@ -86,6 +87,49 @@ TEST(CohesionPair, PartsWhereItIsShorterThanDry) {
   EXPECT_FALSE(result.holds);
   EXPECT_FALSE(result.stuck);
   EXPECT_TRUE(std::isnan(result.dry_length));
+}
+
+namespace {
+
+double meanSize(const CohesionRowResult& row) {
+  return static_cast<double>(std::accumulate(row.group_sizes.begin(), row.group_sizes.end(), 0)) /
+         static_cast<double>(row.group_sizes.size());
+}
+
+}  // namespace
+
+TEST(CohesionRow, GroupsGrowWithTheLengthToFourThirdsAsInTheTable) {
+  // Of κ = γ = 1 and d = 0.01: w = 2, for the liquid of a pair has two sides.
+  std::vector<double> x, y;
+  for (const Row& row : readReference("bundle_scaling")) {
+    CohesionRowParameters p;
+    p.bending = 1.0;
+    p.energy = 2.0;
+    p.spacing = 0.01;
+    p.length = row.at("L_N_lamellae");
+    const CohesionRowResult result = cohesionRow(p);
+    EXPECT_EQ(std::accumulate(result.group_sizes.begin(), result.group_sizes.end(), 0), p.count);
+    // What clings at the very ends only lets go: seams close from a length of 1.2 L_N on.
+    EXPECT_NEAR(meanSize(result) / row.at("N"), std::pow(1.0 / 1.2, 4.0 / 3.0), 0.1) << row.at("N");
+    x.push_back(std::log(p.length));
+    y.push_back(std::log(meanSize(result)));
+  }
+  ASSERT_EQ(x.size(), 3U);
+  // Of equal steps the line of least squares goes by the first and the last.
+  EXPECT_NEAR((y[2] - y[0]) / (x[2] - x[0]), 4.0 / 3.0, 0.1 * 4.0 / 3.0);
+}
+
+TEST(CohesionRow, SizesHangOnTheLengthOverTheDryLengthAlone) {
+  for (const double spacing : {5e-5, 4e-4}) {
+    CohesionRowParameters p;
+    p.spacing = spacing;
+    p.bending *= 3.0;
+    const double dry = std::pow(9.0 * p.bending * spacing * spacing / p.energy, 0.25);
+    p.length = dry * std::pow(2.0, 0.75);  // that of groups of 4
+    const CohesionRowResult result = cohesionRow(p);
+    EXPECT_NEAR(result.predicted, 4.0, 1e-9);
+    EXPECT_NEAR(meanSize(result), 4.0 * std::pow(1.0 / 1.2, 4.0 / 3.0), 0.4) << spacing;
+  }
 }
 
 TEST(TipShape, WetClosesBelowAThirdAndDryStaysAtRest) {

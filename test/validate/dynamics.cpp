@@ -184,44 +184,63 @@ SlamResult slam(const SlamParameters& p) {
   rods.time_step = p.dt;
   rods.scheme = p.scheme;
   rods.precision = p.precision;
-  SingleRod rod(makeUniformRod(kReferenceLength, kReferenceBending * p.stiffness_scale,
-                               kReferenceDensity, p.nodes),
-                rods, ContactParameters{});
+  ContactParameters contact;
+  contact.bundles = p.bundles;
+  BrushModel brush;
+  if (p.bundles) {
+    BrushParameters parameters;
+    parameters.tip_length = kReferenceLength;
+    parameters.rod_count = 30;
+    parameters.node_count = p.nodes;
+    brush = makeBrush(parameters);
+    for (RodModel& rod : brush.rods)
+      for (double& stiffness : rod.bending_stiffness) stiffness *= p.stiffness_scale;
+  } else {
+    brush.tip_length = kReferenceLength;
+    brush.rods = {makeUniformRod(kReferenceLength, kReferenceBending * p.stiffness_scale,
+                                 kReferenceDensity, p.nodes)};
+  }
+  const auto tuft = makeTuft(brush, rods, contact);
   const auto pose = [](double time) {
     const double down = std::min(1.0, time / 0.02);
     const double along = std::max(0.0, std::min(1.0, (time - 0.02) / 0.1));
     return handleAt({0.1 * along, 0, kReferenceLength + 0.001 - 0.02 * down},
                     (-5 + 75 * along) * kPi / 180);
   };
-  const double edge = kReferenceLength / (p.nodes - 1);
 
   SlamResult result;
-  rod.place(pose(0));
-  std::vector<Eigen::Vector3d> before(static_cast<std::size_t>(p.nodes));
-  for (int node = 0; node < p.nodes; ++node) before[static_cast<std::size_t>(node)] = rod.node(node);
+  result.converged = true;
+  tuft->place(pose(0));
+  tuft->setInk(std::vector<double>(brush.rods.size() * static_cast<std::size_t>(p.nodes), p.ink));
+  std::vector<std::vector<Eigen::Vector3d>> before(brush.rods.size()), now = before;
+  for (std::size_t rod = 0; rod < before.size(); ++rod)
+    tuft->readRod(static_cast<int>(rod), before[rod]);
   const int steps = std::max(1, stepCount(0.17, p.dt));
   for (int step = 1; step <= steps; ++step) {
     const Eigen::Isometry3d X = pose(step * p.dt);
-    rod.step(X);
-    Eigen::Vector3d last = rod.node(0), direction = Eigen::Vector3d::Zero();
-    for (int node = 0; node < p.nodes; ++node) {
-      const Eigen::Vector3d at = rod.node(node);
-      result.finite = result.finite && at.allFinite();
-      result.max_speed =
-          std::max(result.max_speed, (at - before[static_cast<std::size_t>(node)]).norm() / p.dt);
-      result.max_penetration = std::max(result.max_penetration, -at.z());
-      direction = at - last;
-      if (node > 0)
+    const TuftReport report = tuft->step(X);
+    result.iterations += report.iterations;
+    result.converged = result.converged && report.unconverged == 0;
+    for (std::size_t rod = 0; rod < now.size(); ++rod) {
+      tuft->readRod(static_cast<int>(rod), now[rod]);
+      const double edge = brush.rods[rod].length / (p.nodes - 1);
+      Eigen::Vector3d direction = Eigen::Vector3d::Zero();
+      for (std::size_t node = 0; node < now[rod].size(); ++node) {
+        const Eigen::Vector3d& at = now[rod][node];
+        result.finite = result.finite && at.allFinite();
+        result.max_speed = std::max(result.max_speed, (at - before[rod][node]).norm() / p.dt);
+        result.max_penetration = std::max(result.max_penetration, -at.z());
+        if (node == 0) continue;
+        direction = at - now[rod][node - 1];
         result.max_stretch = std::max(result.max_stretch, std::abs(direction.norm() / edge - 1));
-      before[static_cast<std::size_t>(node)] = last = at;
+      }
+      const Eigen::Vector3d clamp = X.linear() * brush.rods[rod].direction_H;
+      result.max_bend_deg =
+          std::max(result.max_bend_deg,
+                   std::atan2(clamp.cross(direction).norm(), clamp.dot(direction)) * 180 / kPi);
     }
-    const Eigen::Vector3d clamp = X.linear() * -Eigen::Vector3d::UnitZ();
-    result.max_bend_deg =
-        std::max(result.max_bend_deg,
-                 std::atan2(clamp.cross(direction).norm(), clamp.dot(direction)) * 180 / kPi);
+    before.swap(now);
   }
-  result.converged = rod.allSolved();
-  result.iterations = rod.iterations();
   return result;
 }
 

@@ -95,6 +95,8 @@ ChainResult chain(const ChainParameters& parameters);
 struct SlamParameters : DynamicParameters {
   static Choices schemes() { return {"backward_euler", "bdf2", "sdirk2", "projection"}; }
   double stiffness_scale = 1.0;
+  bool bundles = false;
+  double ink = 0.0;
   SlamParameters() {
     nodes = 16;
     precision = "float";
@@ -103,7 +105,11 @@ struct SlamParameters : DynamicParameters {
   template <class Self, class Visit>
   static void describe(Self& self, Visit& visit) {
     visit("stiffness_scale", self.stiffness_scale, Range{1e-3, 1e3}, "1",
-          "Factor on the rod's bending stiffness.");
+          "Factor on the rods' bending stiffness.");
+    visit("bundles", self.bundles,
+          "A tuft of 30 rods that touch, of the default brush, instead of the rod of the tables.");
+    visit("ink", self.ink, Range{0.0, 1.0}, "1",
+          "Ink in the tuft as a part of what there is room for, by which it clings.");
     DynamicParameters::describe(self, visit);
   }
 };

@@ -187,3 +187,21 @@ TEST(Slam, StaysBounded) {
           EXPECT_LT(result.max_speed, 20 * std::max(1.0, std::sqrt(stiffness_scale)));
         }
 }
+
+TEST(Slam, TuftStaysBoundedDryAndWet) {
+  for (const char* scheme : {"backward_euler", "bdf2", "sdirk2"})
+    for (const double dt : {1e-3, 5e-3})
+      for (const double ink : {0.0, 1.0}) {
+        SCOPED_TRACE(testing::Message() << scheme << " dt " << dt << " ink " << ink);
+        SlamParameters p;
+        p.bundles = true;
+        p.scheme = scheme;
+        p.dt = dt;
+        p.ink = ink;
+        const SlamResult result = slam(p);
+        EXPECT_TRUE(result.finite);
+        EXPECT_LT(result.max_stretch, 1e-5);
+        EXPECT_LT(result.max_penetration, 1e-3);
+        EXPECT_LT(result.max_speed, 20);
+      }
+}

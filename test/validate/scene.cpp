@@ -176,11 +176,13 @@ const std::vector<Scene>& scenes() {
                 "g cos(angle)\n"
                 "into the sheet, and as a force on the block m g sin(angle) along it. Over one second.",
                 incline),
-      makeScene("slam", "The handle slams 20 mm into the sheet in 20 ms and drags 100 mm in 0.1 s.",
-                "The rod of the tables, with the settings that the node has by default. While dragging, "
-                "the handle\n"
-                "turns from -5 to 70 degrees against the hair, which bends it by more than 150 degrees.",
-                slam),
+      makeScene(
+          "slam", "The handle slams 20 mm into the sheet in 20 ms and drags 100 mm in 0.1 s.",
+          "The rod of the tables, or a tuft, with the settings that the node has by default. While "
+          "dragging, "
+          "the handle\n"
+          "turns from -5 to 70 degrees against the hair, which bends it by more than 150 degrees.",
+          slam),
       makeScene(
           "cohesion_pair", "Two parallel rods are pressed together and cling by the ink between them.",
           "Loads on the nodes press the rods together and are taken away; they come to rest in a "
@@ -191,11 +193,19 @@ const std::vector<Scene>& scenes() {
           "rod runs along\n"
           "the other.",
           cohesionPair),
-      makeScene("cohesion_row", "Rods in a row cling in groups, which are larger for longer rods.",
-                "As cohesion_pair: rods are pressed together in equal groups and let go. The size at "
-                "which they hold is\n"
-                "halved into.",
-                cohesionRow),
+      makeScene(
+          "cohesion_row", "Rods in a row cling in groups, which are larger for longer rods.",
+          "Dry rods are pressed together in groups, as equal as may be, wetted and let go. dry_length "
+          "of a "
+          "group is that of\n"
+          "its widest seam, found as in cohesion_pair for all rods on one side of it against all on the "
+          "other, twice\n"
+          "the length of the rods where they part. There are as many groups as bring the mean of it "
+          "nearest to the\n"
+          "length. Larger groups may stay together by their very ends, if these have been brought "
+          "together. count\n"
+          "should be some times the size of a group.",
+          cohesionRow),
       makeScene(
           "tip_shape", "A tuft with ink closes in the air, and is pressed on the sheet.",
           "The straight rods are wetted and come to rest. With a depth the upright handle then goes "
