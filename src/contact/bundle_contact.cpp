@@ -368,7 +368,7 @@ void takeCrossings(BundleContact<Real>& contact) {
 }
 
 template <class Real>
-double noteWays(BundleContact<Real>& contact) {
+WaysApart noteWays(BundleContact<Real>& contact) {
   struct Box {
     std::array<float, 3> low, high;
   };
@@ -384,7 +384,7 @@ double noteWays(BundleContact<Real>& contact) {
         boxes[batch * levels + level].low[i] = static_cast<float>(*low);
         boxes[batch * levels + level].high[i] = static_cast<float>(*high);
       }
-  double largest = 0.0;
+  WaysApart apart{0.0, 0.0};
   for (std::size_t a = 0; a < batches; ++a)
     for (std::size_t b = a; b < batches; ++b) {
       float most = 0.0f;
@@ -399,9 +399,10 @@ double noteWays(BundleContact<Real>& contact) {
       }
       double& moved = contact.moved_apart[a * batches + b];
       moved += std::sqrt(double(most));
-      largest = std::max(largest, moved);
+      apart.of_step = std::max(apart.of_step, std::sqrt(double(most)));
+      apart.largest = std::max(apart.largest, moved);
     }
-  return largest;
+  return apart;
 }
 
 template <class Real>
@@ -431,8 +432,9 @@ void takeHits(BundleContact<Real>& contact, double elapsed) {
       for (int lane = 0; lane < kLanes; ++lane)
         for (const BundlePair& pair : contact.pairs[static_cast<std::size_t>(a * kLanes + lane)]) {
           const int before = std::max(level - 1, 0);
-          // They may touch up to where they were found not to.
-          if (!((pair.near >> level | pair.near >> before) & 1u)) continue;
+          const bool is_near = (pair.near >> level & 1u) != 0,
+                     was_near = (pair.near >> before & 1u) != 0;
+          if (!is_near && !was_near) continue;
           const auto share = [&](int at) {
             const auto& count = neighbours[static_cast<std::size_t>(at)];
             const float most = std::max(count[static_cast<std::size_t>(a * kLanes + lane)],
@@ -440,13 +442,16 @@ void takeHits(BundleContact<Real>& contact, double elapsed) {
             return pair.open[static_cast<std::size_t>(at)] *
                    std::min(1.0f, static_cast<float>(kMostNeighbours) / std::max(most, 1.0f));
           };
+          // Up to where they are too far apart it is the gap that counts.
+          const float share_before = share(was_near ? before : level),
+                      share_here = share(is_near ? level : before);
           const int b = pair.b / kLanes;
           std::int32_t one = lane, two = pair.b % kLanes;
           // So that within a batch all have about as many on either side.
           if (a == b && (one + two) % 2 != 0) std::swap(one, two);
           const bool acts = ((pair.acts >> level | pair.acts >> before) & 1u) != 0;
           (acts ? contact.acting : contact.idle)[static_cast<std::size_t>(b)].push_back(
-              {one, two, level, share(before), share(level)});
+              {one, two, level, share_before, share_here});
         }
     for (int b = a; b < batches; ++b) {
       auto &all = contact.acting[static_cast<std::size_t>(b)],
@@ -516,7 +521,7 @@ int findGroups(const BundleContact<Real>& contact, int first_node,
                                                  const std::vector<std::vector<int>>&);       \
   template bool takeInk(BundleContact<Real>&, const std::vector<double>&);                    \
   template void takeCrossings(BundleContact<Real>&);                                          \
-  template double noteWays(BundleContact<Real>&);                                             \
+  template WaysApart noteWays(BundleContact<Real>&);                                          \
   template void forgetPairs(BundleContact<Real>&);                                            \
   template void takeHits(BundleContact<Real>&, double);                                       \
   template int findGroups(const BundleContact<Real>&, int,                                    \

@@ -21,8 +21,10 @@ namespace {
 constexpr double kSlipSpeed = 1e-3;
 /// A list of pairs serves until neighbours have moved by so many margins relative to each other, and at
 /// most for so long [s]. One that comes up from where it was not listed is noticed when it overlaps, and
-/// pushed off. Where next to nothing moves nobody looks, and rods come to rest.
-constexpr double kLeastMargins = 0.02, kSearchMargins = 2.0, kLongestSearch = 16e-3;
+/// pushed off: where rods anywhere move relative to each other (kApartMargins) it is looked for them
+/// once in the shortest time. Where next to nothing moves nobody looks, and rods come to rest.
+constexpr double kLeastMargins = 0.02, kSearchMargins = 2.0;
+constexpr double kShortestSearch = 4e-3, kLongestSearch = 16e-3;
 /// Time for which a rod is believed to go on with what it does by itself [s]. Believed for too long,
 /// small shocks of pairs that come and go add up; the shorter, the more rounds until rods know what
 /// their neighbours do.
@@ -505,13 +507,19 @@ class TuftOf : public Tuft {
                            batch.state, bundle);
     });
     since_search_ += stage_->part * time_step_;
-    const bool moved_far = moved_since_search_ > kSearchMargins * bundles.margin;
-    const bool moved = moved_since_search_ > kLeastMargins * bundles.margin;
-    const bool searches = moved_far || ((moved || bundles.is_flowing) && since_search_ > kLongestSearch);
+    const WaysApart apart = noteWays(bundles);
+    moved_apart_ += apart.of_step;
+    const auto moved = [&](double margins) {
+      return std::max(moved_since_search_, moved_apart_) > margins * bundles.margin;
+    };
+    const bool searches =
+        moved_since_search_ > kSearchMargins * bundles.margin ||
+        (moved(kApartMargins) && since_search_ > kShortestSearch) ||
+        ((moved(kLeastMargins) || bundles.is_flowing) && since_search_ > kLongestSearch);
     if (searches) search();
-    const bool moved_apart = noteWays(bundles) > kApartMargins * bundles.margin;
-    if (moved_apart) coupling.findCrossings(bundles);
-    if (searches || moved_apart) takeCrossings(bundles);
+    const bool crosses = apart.largest > kApartMargins * bundles.margin;
+    if (crosses) coupling.findCrossings(bundles);
+    if (searches || crosses) takeCrossings(bundles);
     if (bundles.empty()) {
       letGo();
       for (Batch& batch : batches_) batch.state.guess.clear();
@@ -547,7 +555,7 @@ class TuftOf : public Tuft {
     takeHits(bundles, since_search_);
     since_search_ = 0.0;
     coupling.fill(bundles);
-    moved_since_search_ = 0.0;
+    moved_since_search_ = moved_apart_ = 0.0;
   }
 
   /// What the pairs pull, into the springs, and how groups are tied.
@@ -840,6 +848,7 @@ class TuftOf : public Tuft {
   bool has_history_ = false;
   CommonMotionState<Real> common_;
   double since_search_ = 0.0;        // time [s]
+  double moved_apart_ = 0.0;         // rods anywhere, since the search [m]
   double moved_since_search_ = 0.0;  // neighbours, relative to each other [m]
   std::array<double, 3> pivot_{};
   std::vector<Batch> batches_;

@@ -43,7 +43,7 @@ class RowOfRods {
       brush.rods.push_back(std::move(model));
     }
     // Where groups move as one, a step in which their inertia counts for little gets no further by being
-    // longer; and one round a step comes to rest where many do.
+    // longer; nor do more rounds a step, but that one alone may rest too early in groups of sixteen.
     RodParameters rods = exactRods(0.01, "backward_euler", p.precision);
     rods.damping = 7.0;
     rods.max_iterations = 50;
@@ -55,7 +55,8 @@ class RowOfRods {
     contact.bundle_modulus = hardness * energy_ / std::pow(range_ * spacing_, 2.0);
     contact.bundle_friction = 0.0;
     contact.cohesion_range = range_ * spacing_ / (2.0 * radius_);
-    contact.coupling_rounds = 1;
+    contact.coupling_rounds = 2;
+    contact.coupling_tolerance = 1e-7;
     tuft_ = makeTuft(brush, rods, contact);
   }
 

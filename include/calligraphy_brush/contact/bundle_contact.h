@@ -223,9 +223,14 @@ bool takeInk(BundleContact<Real>& contact, const std::vector<double>& saturation
 template <class Real>
 void takeCrossings(BundleContact<Real>& contact);
 
-/// Adds what the believed ways of a step are to `moved_apart`. Returns the largest of it.
+/// How far rods of two batches may move relative to each other [m].
+struct WaysApart {
+  double of_step;  ///< in a step, at most
+  double largest;  ///< since it was looked for crossings of the two, at most
+};
+/// Adds what the believed ways of a step are to `moved_apart`.
 template <class Real>
-double noteWays(BundleContact<Real>& contact);
+WaysApart noteWays(BundleContact<Real>& contact);
 
 /// As if nothing had been found yet.
 template <class Real>
