@@ -153,7 +153,9 @@ TEST(TipShape, HangsTogetherTheMoreTheMoreInkThereIsAndCloses) {
     const TipShapeResult result = tipShape(p);
     EXPECT_LE(result.groups, groups) << ink;
     EXPECT_LT(result.ends_diameter, result.rest_ends_diameter) << ink;
-    if (ink >= 0.03) EXPECT_LT(result.end_diameter, result.rest_diameter / 3.0) << ink;
+    if (ink >= 0.03) {
+      EXPECT_LT(result.end_diameter, result.rest_diameter / 3.0) << ink;
+    }
     groups = result.groups;
   }
   EXPECT_EQ(groups, 1);
