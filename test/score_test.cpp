@@ -202,6 +202,50 @@ TEST(RecordedStroke, IsAPathOfKnownPlacesAndDepths) {
               1e-9);
 }
 
+TEST(RecordedStroke, OfAnArmWithWaypointsIsAPolygonWithRoundCorners) {
+  RecordedStroke stroke;
+  stroke.place = {Vector2d(0, 0), Vector2d(0.02, 0.03), Vector2d(0.04, 0.03), Vector2d(0.06, 0)};
+  stroke.depth = {0.0036, 0.012, 0.012, 0.0036};
+  stroke.tilt = {0.05, 0.05, 0.05, 0.05};
+  ArmMotion motion;
+  motion.waypoints = 5;
+  motion.corner = 0.0;
+  motion.offset = {0.001, -0.002};
+  const double length = 0.04;
+  // The point of the brush, which the tilt turns about.
+  const auto pointsOf = [&](const ArmMotion& m) {
+    std::vector<Eigen::Vector3d> points;
+    for (const HandlePose& pose : posesOf(stroke, m, Vector2d(0.1, 0.2), 0.0, length))
+      points.push_back(pose.position - pose.orientation * Eigen::Vector3d(0, 0, length));
+    return points;
+  };
+  const auto distanceTo = [](const std::vector<Eigen::Vector3d>& points, const Eigen::Vector3d& place) {
+    double nearest = 1.0;
+    for (const Eigen::Vector3d& point : points) nearest = std::min(nearest, (point - place).norm());
+    return nearest;
+  };
+  const auto waypoint = [&](double t) {
+    const Vector2d place = Vector2d(0.1, 0.2) + motion.offset + stroke.placeAt(t);
+    return Eigen::Vector3d(place.x(), place.y(), -stroke.depthAt(t));
+  };
+  const auto sharp = pointsOf(motion);
+  motion.corner = 0.005;
+  const auto round = pointsOf(motion);
+  for (const double t : {0.0, 0.25, 0.5, 0.75, 1.0}) {
+    EXPECT_LT(distanceTo(sharp, waypoint(t)), 2e-4) << t;
+    EXPECT_GT(distanceTo(round, waypoint(t)), 4e-4) << t;
+    EXPECT_LT(distanceTo(round, waypoint(t)), 0.0036) << t;
+  }
+  // Half of the way between two it is on their chord, not on the curve.
+  for (const auto& points : {sharp, round}) {
+    EXPECT_LT(distanceTo(points, 0.5 * (waypoint(0.25) + waypoint(0.5))), 2e-4);
+    EXPECT_NEAR(points.front().z(), motion.clearance, 3e-4);
+    EXPECT_NEAR(points.back().z(), motion.clearance, 3e-4);
+  }
+  for (std::size_t k = 1; k < round.size(); ++k)
+    EXPECT_LE((round[k] - round[k - 1]).norm(), 1.02 * motion.air_speed * motion.period);
+}
+
 TEST(ApexLag, IsHowFarInsideTheMiddleOfTheInkIs) {
   RecordedStroke stroke;
   for (const double side : {1.0, -1.0}) {

@@ -172,26 +172,110 @@ Mask photographOf(const RecordedSet& set, std::size_t index, double px_per_mm) {
   return withoutHoles(piecesNear(paint, path, kReach_mm));
 }
 
+namespace {
+
+/// What an arm is told and goes straight between: x, y [m], depth [m], and the lean of the shaft, its
+/// tilt [rad] to the side it leans to.
+using ArmPoint = Eigen::Matrix<double, 5, 1>;
+
+ArmPoint armPointAt(const RecordedStroke& stroke, double t, double depth) {
+  const Vector2d place = stroke.placeAt(t), heading = stroke.headingAt(t);
+  ArmPoint point;
+  point << place, depth, stroke.tiltAt(t) * Vector2d(-heading.y(), heading.x());
+  return point;
+}
+
+/// Straight lines through the points, corners rounded by parabolas that begin at most `corner` before a
+/// point and no further than half of the way to the next, as dense points.
+std::vector<ArmPoint> withRoundCorners(const std::vector<ArmPoint>& points, double corner) {
+  constexpr int kPieces = 16;
+  const auto distance = [](const ArmPoint& a, const ArmPoint& b) {
+    return (a - b).head<3>().norm();
+  };
+  std::vector<ArmPoint> way{points.front()};
+  for (std::size_t k = 1; k + 1 < points.size(); ++k) {
+    const ArmPoint &before = points[k - 1], &here = points[k], &after = points[k + 1];
+    const double to = distance(before, here), from = distance(here, after);
+    const double cut = std::min({corner, 0.5 * to, 0.5 * from});
+    if (!(cut > 0.0)) {
+      way.push_back(here);
+      continue;
+    }
+    const ArmPoint a = here + cut / to * (before - here), b = here + cut / from * (after - here);
+    for (int i = 0; i <= kPieces; ++i) {
+      const double q = static_cast<double>(i) / kPieces, p = 1.0 - q;
+      way.push_back(p * p * a + 2 * p * q * here + q * q * b);
+    }
+  }
+  way.push_back(points.back());
+  return way;
+}
+
+/// The way of an arm that is driven by waypoints, at equal steps of time.
+std::vector<ArmPoint> wayByWaypoints(const RecordedStroke& stroke, const ArmMotion& motion) {
+  std::vector<ArmPoint> points;
+  const auto add = [&](double t, double depth) { points.push_back(armPointAt(stroke, t, depth)); };
+  const auto air = [&](double t, double depth, double above) {
+    add(t, depth - above);
+    if (depth - above > -motion.clearance) add(t, -motion.clearance);
+  };
+  air(0.0, stroke.depthAt(0.0), motion.approach);
+  std::reverse(points.begin(), points.end());
+  for (int k = 0; k < motion.waypoints; ++k) {
+    const double t = static_cast<double>(k) / (motion.waypoints - 1);
+    add(t, stroke.depthAt(t));
+  }
+  air(1.0, stroke.depthAt(1.0), motion.departure);
+
+  // In the air it is faster. Both ends are cut at the clearance.
+  const std::vector<ArmPoint> dense = withRoundCorners(points, motion.corner);
+  std::vector<double> time{0.0};
+  for (std::size_t k = 1; k < dense.size(); ++k) {
+    const double length = (dense[k] - dense[k - 1]).head<3>().norm();
+    const bool in_air = 0.5 * (dense[k][2] + dense[k - 1][2]) < 0.0;
+    time.push_back(time.back() + length / (in_air ? motion.air_speed : motion.speed));
+  }
+  const int steps = std::max(1, static_cast<int>(std::ceil(time.back() / motion.period)));
+  std::vector<ArmPoint> way;
+  std::size_t k = 1;
+  for (int n = 0; n <= steps; ++n) {
+    const double now = time.back() * n / steps;
+    while (k + 1 < dense.size() && time[k] < now) ++k;
+    const double cell = time[k] - time[k - 1];
+    const double part = cell > 0 ? std::clamp((now - time[k - 1]) / cell, 0.0, 1.0) : 1.0;
+    const ArmPoint point = dense[k - 1] + part * (dense[k] - dense[k - 1]);
+    if (point[2] >= -1.0000001 * motion.clearance) way.push_back(point);
+  }
+  return way;
+}
+
+}  // namespace
+
 std::vector<HandlePose> posesOf(const RecordedStroke& stroke, const ArmMotion& motion,
                                 const Vector2d& origin, double turn, double tip_length) {
   const Eigen::Rotation2Dd rotation(turn);
   std::vector<HandlePose> poses;
-  const auto add = [&](double t, double depth) {
+  const auto addPose = [&](const ArmPoint& where) {
     StrokePoint point;
-    const Vector2d place = origin + rotation * stroke.placeAt(t);
-    const Vector2d heading = rotation * stroke.headingAt(t);
-    const double tilt = stroke.tiltAt(t);
+    const Vector2d place = origin + rotation * (motion.offset + where.head<2>());
+    const Vector2d lean = rotation * Vector2d(where.tail<2>());
     point.x = place.x();
     point.y = place.y();
-    point.depth = depth;
+    point.depth = where[2];
     point.twist = turn;
-    point.tilt = std::abs(tilt);
-    point.azimuth = std::atan2(heading.x(), -heading.y()) + (tilt < 0 ? M_PI : 0.0);
+    point.tilt = lean.norm();
+    point.azimuth = std::atan2(lean.y(), lean.x());
     HandlePose pose = handlePoseAt(point, tip_length);
     pose.stamp_ns =
         kWritingEpoch_ns + static_cast<std::int64_t>(poses.size()) * std::llround(1e9 * motion.period);
     poses.push_back(pose);
   };
+  if (motion.waypoints > 0) {
+    if (motion.waypoints < 2) throw std::invalid_argument("an arm needs two waypoints at least");
+    for (const ArmPoint& point : wayByWaypoints(stroke, motion)) addPose(point);
+    return poses;
+  }
+  const auto add = [&](double t, double depth) { addPose(armPointAt(stroke, t, depth)); };
   // Equal steps of the way, by inverting its length over t.
   constexpr int kSamples = 400;
   std::vector<double> way{0.0};

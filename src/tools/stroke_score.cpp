@@ -25,7 +25,9 @@ using namespace calligraphy_brush;
 
 struct Arguments {
   std::string recorded, brush, rows, csv, sheet, preset;
-  double px_per_mm = 4.0, speed = 0.02;
+  double px_per_mm = 4.0;
+  ArmMotion motion;
+  double offset_x = 0.0, offset_y = 0.0;
   int threads = 1;
   bool calibrate = false, footprint = false;
   CalibrationOptions calibration;
@@ -120,8 +122,8 @@ void printSummary(const std::vector<RecordedScore>& scores) {
 
 void scoreRecordedStrokes(const Arguments& a, SimulatorParameters parameters) {
   const RecordedSet set = readRecordedSet(a.recorded);
-  ArmMotion motion;
-  motion.speed = a.speed;
+  ArmMotion motion = a.motion;
+  motion.offset = {a.offset_x, a.offset_y};
   if (a.calibrate) {
     const std::vector<std::size_t> rows = spread(set, chosenRows(set, "even"), a.calibration_strokes);
     constexpr double kCoarse = 2.0;  // [px/mm]
@@ -281,8 +283,19 @@ po::options_description describeOptions(Arguments& a) {
                         "preset in config/brushes, or a YAML file");
   options.add_options()("rows", po::value(&a.rows)->default_value("odd")->value_name("odd|even|all"),
                         "which recorded strokes are scored");
-  options.add_options()("speed", po::value(&a.speed)->default_value(0.02, "0.02")->value_name("M/S"),
+  options.add_options()("speed",
+                        po::value(&a.motion.speed)->default_value(0.02, "0.02")->value_name("M/S"),
                         "of the arm along a recorded stroke");
+  options.add_options()("waypoints",
+                        po::value(&a.motion.waypoints)->default_value(5)->value_name("N"),
+                        "of a recorded curve that the arm goes straight between; 0: along the curve");
+  options.add_options()("corner",
+                        po::value(&a.motion.corner)->default_value(0.005, "0.005")->value_name("M"),
+                        "from a waypoint at which the arm turns to the next");
+  options.add_options()("offset-x", po::value(&a.offset_x)->default_value(0.0, "0")->value_name("M"),
+                        "of the brush's point from where the arm has it");
+  options.add_options()("offset-y", po::value(&a.offset_y)->default_value(-0.001, "-0.001")->value_name("M"),
+                        "the same along y, fitted to even rows");
   options.add_options()("px-per-mm",
                         po::value(&a.px_per_mm)->default_value(4.0, "4")->value_name("PX/MM"),
                         "resolution of the pictures that are compared");
@@ -335,7 +348,11 @@ void check(const Arguments& a) {
   };
   if (a.rows != "odd" && a.rows != "even" && a.rows != "all")
     throw std::runtime_error("--rows = " + a.rows + " is not one of odd | even | all");
-  inRange("--speed", a.speed, 1e-3, 1.0, "m/s");
+  inRange("--speed", a.motion.speed, 1e-3, 1.0, "m/s");
+  if (a.motion.waypoints != 0) inRange("--waypoints", a.motion.waypoints, 2, 1000, "");
+  inRange("--corner", a.motion.corner, 0.0, 0.1, "m");
+  inRange("--offset-x", a.offset_x, -0.05, 0.05, "m");
+  inRange("--offset-y", a.offset_y, -0.05, 0.05, "m");
   inRange("--px-per-mm", a.px_per_mm, 0.5, 40.0, "px/mm");
   inRange("--threads", a.threads, 1, 256, "");
   inRange("--evaluations", a.calibration.evaluations, 1, 1e6, "");

@@ -64,6 +64,14 @@ struct ArmMotion {
   double clearance = 0.005;  ///< above first touch: it comes straight down from there and goes there [m]
   double air_speed = 0.05;   ///< down and up [m/s]
   double period = 0.008;     ///< of the poses [s]
+  /// 0: along the curve. Else straight from one to the next of so many points of the curve, at equal
+  /// steps of its parameter, and over another one above each end, as an arm is driven by waypoints.
+  int waypoints = 0;
+  double corner = 0.005;    ///< from a waypoint, at most, at which the arm begins to turn to the next [m]
+  double approach = 0.005;  ///< of the waypoint before the first above that [m]
+  double departure = 0.01;  ///< of the waypoint after the last above that [m]
+  /// Of the brush's point from where the arm's program has it: how it is held, and the camera [m].
+  Eigen::Vector2d offset = Eigen::Vector2d::Zero();
 };
 
 /// Poses of the handle for a stroke whose frame's origin is at `origin` [m] of the sheet and that is
