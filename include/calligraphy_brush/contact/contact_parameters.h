@@ -17,7 +17,7 @@ struct ContactParameters {
   double bundle_modulus = 1000.0;
   double surface_tension = 0.042;
   double cohesion_range = 1.5;
-  int coupling_rounds = 4;
+  int coupling_rounds = 8;
   double coupling_tolerance = 2e-6;
 
   template <class Self, class Visit>
