@@ -50,5 +50,17 @@ struct Peers {
 };
 std::vector<Peers> runPeers(std::ostream& log);
 
+/// The standard stroke by 128 rods full of ink at 1 ms, with so many rounds of coupling: error of the
+/// mean of the rods' ends while it is pressed, dragged and lifted, against 80 rounds to 0.3 µm.
+struct Coupled {
+  int rounds;                   ///< at most
+  double tolerance;             ///< [m]
+  double shift;                 ///< of the handle [m]: how much an error hangs on the last bits
+  double mean_rounds;           ///< that were taken
+  double us_per_rod_step;       ///< of the processor, on one thread
+  double rms_error, max_error;  ///< [m]
+};
+std::vector<Coupled> runCoupled(std::ostream& log);
+
 }  // namespace work_precision
 }  // namespace calligraphy_brush
