@@ -529,7 +529,7 @@ class TuftOf : public Tuft {
     for (int round = 1;; ++round) {
       report.coupling_rounds = round;
       moveTogether();
-      pull();
+      pull(round == 1);
       pool_.run(static_cast<int>(batches_.size()), solve_);
       report.coupling_error = 0.0;
       for (std::size_t i = 0; i < batches_.size(); ++i)
@@ -558,18 +558,19 @@ class TuftOf : public Tuft {
     moved_since_search_ = moved_apart_ = 0.0;
   }
 
-  /// What the pairs pull, into the springs, and how groups are tied.
-  void pull() {
+  /// What the pairs pull, into the springs, and how groups are tied: in a step that hardly changes.
+  void pull(bool with_ties) {
     BundleContact<Real>& bundles = *bundles_;
     const Coupling<Real>& coupling = kernel_.template coupling<Real>();
     const int batches = static_cast<int>(batches_.size());
     pool_.run(batches, [&](int batch, int) { coupling.spread(bundles, batch); });
     for (const std::vector<int>& ties : bundles.phases)
-      pool_.run(static_cast<int>(ties.size()),
-                [&](int i, int) { coupling.push(bundles, ties[static_cast<std::size_t>(i)]); });
+      pool_.run(static_cast<int>(ties.size()), [&](int i, int) {
+        coupling.push(bundles, ties[static_cast<std::size_t>(i)], with_ties);
+      });
     pool_.run(batches, [&](int batch, int) { coupling.gather(bundles, batch); });
     coupling.cross(bundles);
-    tieGroups();
+    if (with_ties) tieGroups();
   }
 
   /// The ties of batches, and those of larger groups by them.

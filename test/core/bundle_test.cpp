@@ -30,7 +30,7 @@ void search(BundleContact<double>& contact) {
 void pull(BundleContact<double>& contact) {
   const int batches = static_cast<int>(contact.batches.size());
   for (int batch = 0; batch < batches; ++batch) Pull::spread(contact, batch);
-  for (int tie = 0; tie < static_cast<int>(contact.ties.size()); ++tie) Pull::push(contact, tie);
+  for (int tie = 0; tie < static_cast<int>(contact.ties.size()); ++tie) Pull::push(contact, tie, true);
   for (int batch = 0; batch < batches; ++batch) Pull::gather(contact, batch);
   Pull::cross(contact);
 }

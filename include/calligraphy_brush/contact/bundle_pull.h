@@ -50,17 +50,17 @@ class BundlePull {
     }
   }
 
-  /// The pairs of a tie.
-  static void push(BundleContact<Real>& contact, int tie_index) {
+  /// The pairs of a tie. What ties groups may be left as it was.
+  static void push(BundleContact<Real>& contact, int tie_index, bool with_ties) {
     BundleTie<Real>& tie = contact.ties[index(tie_index)];
     const int n = contact.node_count;
     thread_local AlignedVector<Real> sums;  // curvatures and turns, [place][2][lane]
-    sums.assign(index(2 * n * kWidth), Real(0));
+    if (with_ties) sums.assign(index(2 * n * kWidth), Real(0));
     V most{};
     for (int p = tie.first_pack; p < tie.last_pack; ++p)
       for (int lane = 0; lane < contact.packs[index(p)].count; lane += kWidth)
-        pushLanes(contact, p, lane, sums.data(), most);
-    for (int place = 0; place < n; ++place) {
+        pushLanes(contact, p, lane, with_ties ? sums.data() : nullptr, most);
+    for (int place = 0; with_ties && place < n; ++place) {
       tie.stiffness[index(place)] = sumOf<V>(load<V>(sums.data() + 2 * place * kWidth));
       tie.turns[index(place)] = sumOf<V>(load<V>(sums.data() + (2 * place + 1) * kWidth));
     }
@@ -386,7 +386,7 @@ class BundlePull {
     }
   };
 
-  /// A pack's lanes. sums: of what ties groups of rods, [place][2][lane]; most: see BundleTie.
+  /// A pack's lanes. sums: of what ties groups of rods, [place][2][lane], or null; most: see BundleTie.
   static CALLIGRAPHY_INLINE void pushLanes(BundleContact<Real>& contact, int pack_index, int lane,
                                            Real* sums, V& most) {
     const Face face(contact, pack_index, lane);
@@ -436,8 +436,9 @@ class BundlePull {
         sum_before.add(back, opposite, c);
         sum_at.add(rest, opposite, c);
         sum_after.add(on, opposite, c);
-        share(contact.node_count - 1, face.pack, step, place_one,
-              place_one - place_two - (on - back) * spacing_two, c, sums);
+        if (sums)
+          share(contact.node_count - 1, face.pack, step, place_one,
+                place_one - place_two - (on - back) * spacing_two, c, sums);
       }
       sum_before.addTo(pulls + 4 * (step - 1), face.two);
       sum_before = sum_at;

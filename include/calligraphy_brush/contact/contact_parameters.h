@@ -18,7 +18,7 @@ struct ContactParameters {
   double surface_tension = 0.042;
   double cohesion_range = 1.5;
   int coupling_rounds = 8;
-  double coupling_tolerance = 2e-6;
+  double coupling_tolerance = 1e-6;
 
   template <class Self, class Visit>
   static void describe(Self& self, Visit& visit) {

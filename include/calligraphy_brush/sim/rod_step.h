@@ -40,7 +40,7 @@ struct Coupling {
   void (*findCrossings)(BundleContact<Real>&);
   void (*fill)(BundleContact<Real>&);
   void (*spread)(BundleContact<Real>&, int batch);
-  void (*push)(BundleContact<Real>&, int tie);
+  void (*push)(BundleContact<Real>&, int tie, bool with_ties);
   void (*gather)(BundleContact<Real>&, int batch);
   void (*cross)(BundleContact<Real>&);
   void (*extrapolate)(double ratio, double relative, const RodBatchModel<Real>&,
