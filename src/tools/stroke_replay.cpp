@@ -10,6 +10,7 @@
 #include <functional>
 #include <iostream>
 #include <map>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -35,7 +36,7 @@ struct Arguments {
   bool quiet = false, state_hash = false;
   std::string format = "grey", strokes, outline;
   int undo = 0;
-  double px_per_mm = 0.0;  // 0: as the paper has
+  std::optional<double> px_per_mm;  // as the paper has
 };
 
 /// "out.png" and "_01" to "out_01.png".
@@ -192,8 +193,8 @@ void replay(const Arguments& arguments, const PoseBag& bag, const BrushSimulator
   std::map<std::string, std::uint64_t> refused = bag.unreachable;
   Simulator simulator(parameters.simulator);
   const auto redraw = [&] {
-    const double given = arguments.px_per_mm;
-    if (given > 0.0 && given != simulator.parameters().paper.px_per_mm) simulator.drawAlsoAt(given);
+    const std::optional<double>& given = arguments.px_per_mm;
+    if (given && *given != simulator.parameters().paper.px_per_mm) simulator.drawAlsoAt(*given);
   };
   redraw();
   // A picture that cannot be written shall not cost a simulation first.
@@ -282,7 +283,7 @@ void run(const std::vector<std::string>& words) {
                         "preset in config/brushes, or a YAML file; default: as recorded, else medium");
   options.add_options()("paper", po::value(&arguments.paper)->value_name("NAME|FILE"),
                         "preset in config/papers, or a YAML file; default: as recorded, else plain");
-  options.add_options()("px-per-mm", po::value(&arguments.px_per_mm)->value_name("N"),
+  options.add_options()("px-per-mm", po::value<double>()->value_name("N"),
                         "resolution of what is written; the brush moves as on the paper as recorded");
   options.add_options()("format",
                         po::value(&arguments.format)->default_value("grey")->value_name("KIND"),
@@ -325,6 +326,7 @@ void run(const std::vector<std::string>& words) {
                              " is not one of grey, grey16, colour, transparent");
   if (arguments.undo < 0)
     throw std::runtime_error("--undo = " + std::to_string(arguments.undo) + " is below 0");
+  if (values.count("px-per-mm") > 0) arguments.px_per_mm = values["px-per-mm"].as<double>();
   BrushSimulatorParameters parameters;
   const PoseBag bag = readPoseBag(arguments.bag, arguments.topic, parameters.ros.paper_frame);
   if (bag.parameters) {
@@ -342,10 +344,6 @@ void run(const std::vector<std::string>& words) {
     if (!arguments.paper.empty()) loadYamlParameters(findPreset("papers", arguments.paper), recorded);
     if (values.count("threads") > 0) recorded.simulator.rods.threads = threads;
     checkParameters(recorded);
-    if (values.count("px-per-mm") == 0) return;
-    BrushSimulatorParameters redrawn = recorded;
-    redrawn.simulator.paper.px_per_mm = arguments.px_per_mm;
-    checkParameters(redrawn);
   };
   change(parameters);
   replay(arguments, bag, parameters, change);
