@@ -263,18 +263,25 @@ class PaperContact {
       // Cut off at the cone: the place where it stuck has come along.
       // What is left within the tolerance is taken up over some steps. All at once, the multipliers and
       // the rod's inertia would swing each other where the rod is heavy against the contact: nearly
-      // along its axis, where a little way of the end is a long way of the rest.
+      // along its axis, where a little way of the end is a long way of the rest. But for the direction
+      // of what slides: friction that points where the node went some steps ago leads a tuft astray.
       const Vec3<V> old = Vec3<V>::loadFrom(multiplier);
       const Vec3<V> better = Vec3<V>::loadFrom(better_ + node * 3 * kLanes);
-      const Vec3<V> m =
-          select(better.z > zero, old + broadcast<V>(Real(kTakeUp)) * (better - old), better);
+      const V full = friction_ * better.z;
+      const Mask presses = better.z > zero;
+      const Mask slides = presses & (better.x * better.x + better.y * better.y >=
+                                     broadcast<V>(Real(kOnCone)) * full * full);
+      Vec3<V> m = select(presses, old + broadcast<V>(Real(kTakeUp)) * (better - old), better);
+      const V part = m.z / select(slides, better.z, broadcast<V>(1));
+      m.x = select(slides, part * better.x, m.x);
+      m.y = select(slides, part * better.y, m.y);
       m.storeTo(multiplier);
       const Vec3<V> push = Vec3<V>::loadFrom(force);
       engaged = engaged | (m.z > zero) | (squaredNorm(push) > zero);
       touching = touching + select(push.z > zero, broadcast<V>(1), zero);
       const V cone = friction_ * m.z;
       const Mask sticks =
-          (m.z > zero) & (m.x * m.x + m.y * m.y < broadcast<V>(Real(0.99999)) * cone * cone);
+          (m.z > zero) & (m.x * m.x + m.y * m.y < broadcast<V>(Real(kOnCone)) * cone * cone);
       const V sx = load<V>(slip_ + node * 2 * kLanes), sy = load<V>(slip_ + (node * 2 + 1) * kLanes);
       stuck = stuck | sticks | ((m.z > zero) & (sx * sx + sy * sy < least * least));
       store<V>(offset, select(sticks, load<V>(slip_ + node * 2 * kLanes), zero));
@@ -294,8 +301,9 @@ class PaperContact {
   Real *engaged_, *stuck_, *touching_;
   Mask here_;  // lanes for which there is a sheet
   static constexpr double kHardest = 64;
-  static constexpr double kTakeUp = 0.2;  // of what is left, in a step
-  V hardening_ = broadcast<V>(1);         // factor of all stiffnesses in this step
+  static constexpr double kTakeUp = 0.2;      // of what is left, in a step
+  static constexpr double kOnCone = 0.99999;  // of the square of full friction, from which a node slides
+  V hardening_ = broadcast<V>(1);             // factor of all stiffnesses in this step
   V last_worst_squared_ = broadcast<V>(std::numeric_limits<Real>::infinity());
   Mask slow_{};
   Mask piece_changed_{}, present_{};
