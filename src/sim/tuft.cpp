@@ -28,7 +28,10 @@ constexpr double kShortestSearch = 4e-3, kLongestSearch = 16e-3;
 /// Time for which a rod is believed to go on with what it does by itself [s]. Believed for too long,
 /// small shocks of pairs that come and go add up; the shorter, the more rounds until rods know what
 /// their neighbours do.
-constexpr double kRelativeTime = 4.5e-3, kLeastRelative = 0.3;
+constexpr double kRelativeTime = 10e-3, kLeastRelative = 0.3;
+/// How groups of rods are tied hardly changes from step to step: it is summed up again after so many, and
+/// after a search.
+constexpr int kTieSteps = 4;
 /// How far a common motion is trusted in a step, in margins.
 constexpr double kTrustInMargins = 2.0;
 
@@ -485,6 +488,7 @@ class TuftOf : public Tuft {
       for (auto* field : {&bundle.turns, &bundle.anchors})
         std::fill(field->begin(), field->end(), Real(0));
     }
+    since_ties_ = kTieSteps;
     for (CommonLevel<Real>& level : common_.levels) {
       level.tie_count = 0;
       std::fill(level.hold.begin(), level.hold.end(), Real(0));
@@ -529,7 +533,7 @@ class TuftOf : public Tuft {
     for (int round = 1;; ++round) {
       report.coupling_rounds = round;
       moveTogether();
-      pull(round == 1);
+      pull(round == 1 && (searches || ++since_ties_ >= kTieSteps));
       pool_.run(static_cast<int>(batches_.size()), solve_);
       report.coupling_error = 0.0;
       for (std::size_t i = 0; i < batches_.size(); ++i)
@@ -558,7 +562,7 @@ class TuftOf : public Tuft {
     moved_since_search_ = moved_apart_ = 0.0;
   }
 
-  /// What the pairs pull, into the springs, and how groups are tied: in a step that hardly changes.
+  /// What the pairs pull, into the springs, and how groups are tied.
   void pull(bool with_ties) {
     BundleContact<Real>& bundles = *bundles_;
     const Coupling<Real>& coupling = kernel_.template coupling<Real>();
@@ -571,6 +575,7 @@ class TuftOf : public Tuft {
     pool_.run(batches, [&](int batch, int) { coupling.gather(bundles, batch); });
     coupling.cross(bundles);
     if (with_ties) tieGroups();
+    if (with_ties) since_ties_ = 0;
   }
 
   /// The ties of batches, and those of larger groups by them.
@@ -848,6 +853,7 @@ class TuftOf : public Tuft {
   std::unique_ptr<BundleContact<Real>> bundles_;  // null: the rods do not feel each other
   bool has_history_ = false;
   CommonMotionState<Real> common_;
+  int since_ties_ = 0;               // steps since groups were tied
   double since_search_ = 0.0;        // time [s]
   double moved_apart_ = 0.0;         // rods anywhere, since the search [m]
   double moved_since_search_ = 0.0;  // neighbours, relative to each other [m]

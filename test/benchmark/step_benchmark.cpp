@@ -331,11 +331,15 @@ void timeWetSheet(benchmark::State& state, double diffusivity) {
   state.counters["tile_steps_per_s"] = static_cast<double>(paper.flowCount() - before) / simulated;
 }
 
-/// Rods of the default brush that touch and cling, and what their coupling takes besides.
+/// Rods that touch and cling, and what their coupling takes besides. They are as thick as those of the
+/// default brush: with more of them the tuft is wider.
 void timeCoupled(benchmark::State& state, int rod_count, double ink, const RodParameters& rods) {
   Scene scene = standardStroke(rod_count, 16);
   BrushParameters brush;
+  const double more = static_cast<double>(rod_count) / brush.rod_count;
   brush.rod_count = rod_count;
+  brush.hair_count = static_cast<int>(brush.hair_count * more);
+  brush.root_diameter *= std::sqrt(more);
   scene.brush = makeBrush(brush);
   scene.contact.bundles = true;
   const auto tuft = makeTuft(scene.brush, rods, scene.contact);

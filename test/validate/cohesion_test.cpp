@@ -161,18 +161,20 @@ TEST(TipShape, HangsTogetherTheMoreTheMoreInkThereIsAndCloses) {
   EXPECT_EQ(groups, 1);
 }
 
-TEST(TipShape, PressedDryPartsAndWetStaysOne) {
+TEST(TipShape, PressedDryPartsAndTheWetterTheLess) {
   TipShapeParameters p;
   p.depth = 0.01;
   p.brush = std::string(CALLIGRAPHY_BRUSH_SOURCE_DIR) + "/config/brushes/medium.yaml";
-  p.ink = 0.0;
-  const TipShapeResult dry = tipShape(p);
-  EXPECT_GT(dry.groups, 20);
-  EXPECT_LT(dry.group_sizes.front(), 64);
-  for (const double ink : {0.1, 1.0}) {
+  std::vector<TipShapeResult> results;
+  for (const double ink : {0.0, 0.003, 0.03, 0.25, 1.0}) {
     p.ink = ink;
-    const TipShapeResult wet = tipShape(p);
-    EXPECT_LT(wet.groups, 5) << ink;  // one, and a stray rod or two
-    EXPECT_GT(wet.group_sizes.front(), 96) << ink;
+    results.push_back(tipShape(p));
+    if (results.size() > 1) {
+      EXPECT_LE(results.back().groups, results[results.size() - 2].groups) << ink;
+    }
   }
+  EXPECT_GT(results.front().groups, 20);
+  EXPECT_LT(results.front().group_sizes.front(), 64);
+  EXPECT_LT(results.back().groups, 5);  // one, and a stray rod or two
+  EXPECT_GT(results.back().group_sizes.front(), 96);
 }

@@ -21,7 +21,7 @@ struct TipShapeParameters : DynamicParameters {
   int rods = 0;
   double duration = 0.6;
   double drag = 0.01;
-  int rounds = ContactParameters{}.coupling_rounds;
+  int rounds = 8;
 
   template <class Self, class Visit>
   static void describe(Self& self, Visit& visit) {

@@ -17,7 +17,7 @@ struct ContactParameters {
   double bundle_modulus = 1000.0;
   double surface_tension = 0.042;
   double cohesion_range = 1.5;
-  int coupling_rounds = 8;
+  int coupling_rounds = 1;
   double coupling_tolerance = 1e-6;
 
   template <class Self, class Visit>
@@ -45,8 +45,8 @@ struct ContactParameters {
     visit("cohesion_range", self.cohesion_range, Range{1e-4, 10.0}, "1",
           "Gap at which the ink between two rods lets go, over the sum of their radii at the root.");
     visit("coupling_rounds", self.coupling_rounds, Range{1, 1000}, "1",
-          "Most solutions of a step in which rods learn what their neighbours did; one is stable and "
-          "comes to rest where more do.");
+          "Most solutions of a step in which rods learn what their neighbours did; one is stable, comes "
+          "to rest where more do, and errs by a fifth of a millimetre in motion.");
     visit("coupling_tolerance", self.coupling_tolerance, Range{1e-12, 1e-3}, "m",
           "Error of where rods believe their neighbours to be at which a step is done.");
   }
