@@ -153,7 +153,7 @@ TEST(Pointer, ApproachAndLiftHaveNoJump) {
     }
     // The hand goes at 0.12 m/s when it writes and 0.4 m/s in the air.
     EXPECT_LT(largest_way, 0.8) << interval_ns;
-    EXPECT_LE(fastest_down, 5.0 * TabletPressureParameters().press_speed + 1e-9) << interval_ns;
+    EXPECT_LT(fastest_down, 0.3) << interval_ns;
     EXPECT_LT(fastest_up, 2.0) << interval_ns;  // pressure/lift: two depths within 15 ms
     EXPECT_LT(sharpest, 40.0) << interval_ns;   // [m/s²]: 0.4 m/s in 10 ms
   }
@@ -266,7 +266,7 @@ TEST(Pointer, WhatIsNotFiniteIsRefusedAndChangesNothing) {
   // Far away is cut to the margin, too hard to full pressure.
   EXPECT_TRUE(mouse.point(kStart_ns, {7.0, -7.0}, 55.0));
   std::vector<HandlePose> poses;
-  for (int k = 1; k < 100; ++k) {
+  for (int k = 1; k < 200; ++k) {
     mouse.point(kStart_ns + k * 5 * kMs, {7.0, -7.0}, 55.0);
     for (const HandlePose& pose : mouse.advanceTo(kStart_ns + k * 5 * kMs)) poses.push_back(pose);
   }

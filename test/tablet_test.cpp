@@ -539,10 +539,66 @@ TEST(Mapping, PenThatArrivesTouchingDoesNotWriteThroughTheAir) {
   ASSERT_EQ(first.size(), 1U);
   EXPECT_GT(first[0].position.z(), 0.045);
   std::vector<HandlePose> later;
-  for (int k = 1; k <= 20; ++k)
+  for (int k = 1; k <= 200; ++k)
     later = mapping.take(makeSample(0.1, 0.05, 0.5, 1'000'000'000 + 8 * kMs * k)).poses;
   ASSERT_EQ(later.size(), 1U);
   EXPECT_NEAR(later[0].position.z(), 0.045 - mapping.pressedLevel(0.5), 1e-12);
+}
+
+/// Levels of an upright brush that a pen puts down at t = 0 [s], read every `interval`.
+std::vector<double> levelsOfATouch(double pressure, std::int64_t interval_ns, double seconds) {
+  PenMapping mapping({}, tabletSize(), {});
+  std::vector<double> levels;
+  for (std::int64_t t = -400 * kMs; t <= std::llround(1e9 * seconds); t += interval_ns) {
+    const auto poses =
+        mapping.take(makeSample(0.1, 0.05, t < 0 ? 0.0 : pressure, 10'000'000'000 + t)).poses;
+    if (t >= 0) levels.push_back(BrushOnSheet().tip_length - poses.back().position.z());
+  }
+  return levels;
+}
+
+TEST(Mapping, SetsTheBrushDownWithoutThrowingIt) {
+  const TabletPressureParameters p;
+  for (const double pressure : {0.1, 0.4, 1.0}) {
+    const std::vector<double> levels = levelsOfATouch(pressure, kMs, 0.6);
+    double speed_before = 0.01, fastest = 0.0;  // of the first millisecond
+    for (std::size_t k = 1; k < levels.size(); ++k) {
+      const double speed = (levels[k] - levels[k - 1]) / 1e-3;
+      EXPECT_GE(speed, 0.0);
+      EXPECT_LE(std::abs(speed - speed_before), 1e-3 * 10.0 + 1e-9) << "thrown or stopped at " << k;
+      if (levels[k - 1] >= 0.0) {
+        EXPECT_LE(speed, p.press_speed + 1e-9);
+      }
+      fastest = std::max(fastest, speed);
+      speed_before = speed;
+    }
+    EXPECT_LT(fastest, p.press_speed + p.clearance / p.settle);
+    // But soon: at the sheet, and at half of its depth.
+    const PenMapping mapping({}, tabletSize(), {});
+    const double depth = mapping.pressedLevel(pressure);
+    const auto when = [&levels](double level) {
+      return std::find_if(levels.begin(), levels.end(), [level](double l) { return l >= level; }) -
+             levels.begin();
+    };
+    EXPECT_LT(when(0.0), 90) << pressure;
+    EXPECT_LT(when(0.5 * depth), 90 + 0.5e3 * depth / p.press_speed) << pressure;
+    EXPECT_NEAR(levels.back(), depth, 1e-6);
+  }
+}
+
+TEST(Mapping, ComesDownAlikeHoweverOftenThePenReports) {
+  const std::vector<double> fine = levelsOfATouch(0.4, kMs, 0.4);
+  for (const std::int64_t interval : {2, 5, 8, 16}) {
+    const std::vector<double> coarse = levelsOfATouch(0.4, interval * kMs, 0.4);
+    // The first report of the touch ends the interval in which it may have begun.
+    for (std::size_t k = 1; k < coarse.size(); ++k) {
+      const std::size_t at = k * static_cast<std::size_t>(interval);
+      EXPECT_GE(coarse[k], fine[at] - 1e-6) << interval;
+      EXPECT_LE(coarse[k],
+                fine[std::min(fine.size() - 1, at + static_cast<std::size_t>(interval))] + 1e-6)
+          << interval;
+    }
+  }
 }
 
 TEST(Mapping, LeavingLiftsTheBrushWhereItWas) {

@@ -16,13 +16,15 @@ constexpr std::int64_t kLeastInterval_ns = kMillisecond_ns;
 constexpr std::int64_t kPause_ns = 50 * kMillisecond_ns;  // tablets report every 2 to 16 ms
 constexpr std::int64_t kHold_ns = 8 * kMillisecond_ns;    // a usual interval
 constexpr std::int64_t kClockStep_ns = 1000 * kMillisecond_ns;
-constexpr double kLift = 0.015;       // [s]: until the lift after a touch is highest
-constexpr double kBend = 0.05;        // [s]: in which a tuft forgets how far it was bent
-constexpr double kSwing = 0.01;       // [s]: what a tuft swings by over its speed
-constexpr double kSwingMemory = 0.1;  // [s]: how long it swings
-constexpr double kApproach = 5.0;     // down to the sheet over press_speed
-constexpr double kTopSpeed = 4.0;     // [m/s]: of the brush; a hand reaches 3
-constexpr double kHoldSpeed = 1.0;    // [m/s]: after a pause the brush moves on no faster
+constexpr double kLift = 0.015;             // [s]: until the lift after a touch is highest
+constexpr double kBend = 0.05;              // [s]: in which a tuft forgets how far it was bent
+constexpr double kSwing = 0.01;             // [s]: what a tuft swings by over its speed
+constexpr double kSwingMemory = 0.1;        // [s]: how long it swings
+constexpr double kFallAcceleration = 10.0;  // [m/s²]: by it a tuft hangs back 1 mm
+constexpr double kFallStep = 1e-3;          // [s]
+constexpr double kLongestFall = 1.0;        // [s]
+constexpr double kTopSpeed = 4.0;           // [m/s]: of the brush; a hand reaches 3
+constexpr double kHoldSpeed = 1.0;          // [m/s]: after a pause the brush moves on no faster
 
 double wrapped(double angle) {
   return std::remainder(angle, 2.0 * kPi);
@@ -95,12 +97,21 @@ double PenMapping::hoverLevel(double distance, double contact) const {
   return -p.clearance - p.hover_height * beyond;
 }
 
-/// Level that the brush can go down to within a time [s], in two speeds: to the sheet and into it.
-double PenMapping::lowestAfter(double seconds) const {
-  const double into = parameters_.pressure.press_speed, to = kApproach * into;
-  if (posture_.level >= 0.0) return posture_.level + into * seconds;
-  const double way = to * seconds + posture_.level;
-  return way <= 0.0 ? way : way / kApproach;
+/// Level after a time [s] in which it shall become `target`: up at once, down as a tuft bears it.
+double PenMapping::levelAfter(double seconds, double target) {
+  const TabletPressureParameters& p = parameters_.pressure;
+  // In short steps, so that it does not depend on the rate of the reports.
+  const double time = std::min(seconds, kLongestFall);
+  const int count = std::max(1, static_cast<int>(std::ceil(time / kFallStep)));
+  double level = posture_.level;
+  for (int k = 0; k < count && level < target; ++k) {
+    const double into = p.press_speed + std::max(0.0, -level) / p.settle;
+    fall_ = std::min({fall_ + kFallAcceleration * time / count, into, (target - level) / p.settle});
+    level += fall_ * time / count;
+  }
+  if (level < target) return level;
+  fall_ = 0.0;
+  return target;
 }
 
 Vector3d PenMapping::wantedShaft(const PenSample& sample) const {
@@ -218,7 +229,7 @@ PenActions PenMapping::take(const PenSample& sample) {
   const double twist_target = wantedTwist(sample);
   hold(stamp_ns, (wanted.place - posture_.place).norm(), actions);
   const std::int64_t since_ns = std::max(kLeastInterval_ns, stamp_ns - stamp_ns_);
-  wanted.level = std::min(wanted.level, lowestAfter(1e-9 * static_cast<double>(since_ns)));
+  wanted.level = levelAfter(1e-9 * static_cast<double>(since_ns), wanted.level);
   // Exact for a target that is constant between two reports, so it does not depend on their rate. A
   // brush that moves on after a pause has had no time to turn.
   const double share =
@@ -249,6 +260,7 @@ PenActions PenMapping::leave(std::int64_t stamp_ns) {
   hold(leaving_ns, 0.0, actions);
   Posture wanted = posture_;
   wanted.level = std::min(posture_.level, -parameters_.pressure.clearance);
+  fall_ = 0.0;
   stamp_ns_ = afterWay(leaving_ns, wanted);
   posture_ = wanted;
   is_away_ = true;

@@ -48,10 +48,16 @@ struct PenActions {
 /// So it is continuous: q → 0 and distance → contact meet at −clearance, and a tablet without distance
 /// stays there. `contact` is what the tablet reported in the last touch.
 ///
-/// That is the target; of the two ways to it, down goes at press_speed into the sheet and five times
-/// that above it, up at once. In the air it lies further up by lift (w + b x e^(1 − x)): b, how deep the
-/// tuft was in the last touch (fading in 50 ms), x, the time since in 15 ms: it springs down as it
-/// straightens; w, what it swings by when it is carried, 10 ms of the speed of the place, low-passed.
+/// That is the target l*; up the level goes to it at once. A tuft that is thrown down hangs back, swings
+/// through, hits the sheet splayed and leaves it again; so the level l goes down at a speed v ≥ 0 that
+/// grows by 10 m/s² at most, with
+///   v ≤ (l* − l) / settle,   v ≤ press_speed + max(0, −l) / settle:
+/// it is slowed on the way to the sheet and to its depth, and in the sheet never faster than
+/// press_speed. From the clearance to the sheet that takes 50 to 80 ms; the place is not delayed.
+///
+/// In the air the level lies further up by lift (w + b x e^(1 − x)): b, how deep the tuft was in the
+/// last touch (fading in 50 ms), x, the time since in 15 ms: it springs down as it straightens; w, what
+/// it swings by when it is carried, 10 ms of the speed of the place, low-passed.
 ///
 /// The eraser never writes; nor does the first report of a pen that arrives touching: it would draw a
 /// line through the air. A pen that leaves is lifted from where it was. After a pause of more than 50
@@ -95,7 +101,7 @@ class PenMapping {
   Eigen::Vector3d wantedShaft(const PenSample& sample) const;
   double wantedTwist(const PenSample& sample) const;
   double wantedLevel(const PenSample& sample, const Eigen::Vector2d& place, std::int64_t stamp_ns);
-  double lowestAfter(double seconds) const;
+  double levelAfter(double seconds, double target);
   std::int64_t nextStamp(std::int64_t stamp_ns);
   std::int64_t afterWay(std::int64_t stamp_ns, const Posture& wanted) const;
   HandlePose poseOf(const Posture& posture, std::int64_t stamp_ns) const;
@@ -116,6 +122,7 @@ class PenMapping {
   std::array<double, 2> contact_{};  // of pen and eraser
   std::array<bool, 3> buttons_{};    // stylus, stylus2, stylus3
   bool eraser_touched_ = false;
+  double fall_ = 0.0;          // speed at which the brush goes down [m/s]
   double swing_ = 0.0;         // height for the swing of a tuft that is carried fast [m]
   double bend_ = 0.0;          // depth of the last touch, fading from report to report [m]
   std::int64_t touch_ns_ = 0;  // when it was

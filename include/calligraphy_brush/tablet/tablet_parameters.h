@@ -62,6 +62,7 @@ struct TabletPressureParameters {
   double full_depth = 0.3;
   double touch = 0.06;
   double press_speed = 0.06;
+  double settle = 0.03;
   double clearance = 0.005;
   double lift = 2.0;
   double hover_height = 0.015;
@@ -79,6 +80,10 @@ struct TabletPressureParameters {
           "Pressure by which the brush has come down from clearance to the sheet.");
     visit("press_speed", self.press_speed, Range{0.001, 100.0}, "m/s",
           "Into the sheet the brush goes no faster than this; a pen hits its hard tablet at once.");
+    visit(
+        "settle", self.settle, Range{0.001, 1.0}, "s",
+        "Time constant in which the brush is set down, half the period of its tuft; one that is thrown "
+        "onto the sheet swings and splays.");
     visit("clearance", self.clearance, Range{0.0, 0.1}, "m",
           "Height of the point of the brush above the sheet at zero pressure.");
     visit("lift", self.lift, Range{0.0, 5.0}, "1",
