@@ -53,7 +53,7 @@ struct PenActions {
 /// grows by 10 m/s² at most, with
 ///   v ≤ (l* − l) / settle,   v ≤ press_speed + max(0, −l) / settle:
 /// it is slowed on the way to the sheet and to its depth, and in the sheet never faster than
-/// press_speed. From the clearance to the sheet that takes 50 to 60 ms; the place is not delayed.
+/// press_speed. From the clearance to the sheet that takes about 50 ms; the place is not delayed.
 ///
 /// In the air the level lies further up by lift (w + b x e^(1 − x)): b, how deep the tuft was in the
 /// last touch (fading in 50 ms), x, the time since in 15 ms: it springs down as it straightens; w, what

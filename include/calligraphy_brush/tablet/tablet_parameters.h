@@ -62,7 +62,7 @@ struct TabletPressureParameters {
   double full_depth = 0.3;
   double touch = 0.06;
   double press_speed = 0.06;
-  double settle = 0.03;
+  double settle = 0.025;
   double clearance = 0.005;
   double lift = 2.0;
   double hover_height = 0.015;
