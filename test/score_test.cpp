@@ -366,7 +366,8 @@ TEST(Correction, WritesAnArcMoreLikeItsOutlineThanThePlan) {
   for (int k = 0; k <= 12; ++k) arc.median.push_back(at(150, k / 12.0));
   glyph.strokes.push_back(arc);
 
-  const SimulatorParameters parameters = quickBrush();
+  SimulatorParameters parameters = quickBrush();
+  parameters.paper.px_per_mm = 4.0;
   const WritingParameters writing;
   const BrushCurve curve = measureBrushCurve(parameters, writing.lean, 6);
   const double size = 0.1024;
@@ -375,7 +376,6 @@ TEST(Correction, WritesAnArcMoreLikeItsOutlineThanThePlan) {
   defaults.speed = GlyphOptions().speed;  // as it is written below
   const auto strokes = strokesOfGlyph(glyph, size, origin, defaults);
   CorrectionOptions options;
-  options.px_per_mm = 4.0;
   const auto corrected =
       correctStrokes(strokes, outlinesOfGlyph(glyph, size, origin), parameters, writing, curve, options);
   ASSERT_EQ(corrected.size(), 1u);
@@ -389,7 +389,7 @@ TEST(Correction, WritesAnArcMoreLikeItsOutlineThanThePlan) {
   // Written again on a larger sheet with the other strokes of a character, it is what was practised.
   GlyphOptions whole;
   whole.size = size;
-  whole.px_per_mm = options.px_per_mm;
+  whole.px_per_mm = parameters.paper.px_per_mm;
   whole.correction = options;
   const GlyphScore score = scoreGlyph(glyph, "arc", parameters, writing, curve, whole);
   EXPECT_NEAR(score.likeness.iou, practised, 0.03);

@@ -18,10 +18,12 @@ constexpr double kMargin = 0.02;        // of sheet around a stroke [m]
 constexpr int kSmoothing = 6;           // passes of a binomial filter over errors
 constexpr double kLeastWidth = 0.2e-3;  // that is asked for [m]
 
-/// A grey picture in the paper frame, darkness 0..1 at any place, linear between pixels' centres.
-class Darkness {
+/// A grey picture in the paper frame: whether there is ink at any place, 0..1, linear between pixels'
+/// centres. Half as dark as can be is half, and an eighth to both sides of it no and yes: how black ink
+/// is does not make a line wider, and what a score counts as ink, darker than half, counts here.
+class InkPicture {
  public:
-  Darkness(GreyPicture picture, double px_per_m) : picture_(std::move(picture)), px_per_m_(px_per_m) {}
+  InkPicture(GreyPicture picture, double px_per_m) : picture_(std::move(picture)), px_per_m_(px_per_m) {}
 
   double at(const Vector2d& place) const {
     const double x = place.x() * px_per_m_ - 0.5, y = picture_.height_px - place.y() * px_per_m_ - 0.5;
@@ -37,10 +39,13 @@ class Darkness {
  private:
   double pixel(int column, int row) const {
     if (column < 0 || row < 0 || column >= picture_.width_px || row >= picture_.height_px) return 0.0;
-    return 1.0 -
-           picture_.mono8[static_cast<std::size_t>(row) * static_cast<std::size_t>(picture_.width_px) +
-                          static_cast<std::size_t>(column)] /
-               255.0;
+    const double dark =
+        1.0 -
+        picture_.mono8[static_cast<std::size_t>(row) * static_cast<std::size_t>(picture_.width_px) +
+                       static_cast<std::size_t>(column)] /
+            255.0;
+    constexpr double kSteepness = 4.0;
+    return std::clamp(0.5 + kSteepness * (dark - 0.5), 0.0, 1.0);
   }
 
   GreyPicture picture_;
@@ -62,16 +67,17 @@ struct Section {
   double middle = 0.0;  ///< mean place of it, along the direction [m]; 0 without ink
 };
 
-/// Of the line from place − reach · direction to place + reach · direction: integrals of the darkness,
-/// so that gaps between hairs and hairs astray count for what they are.
-Section sectionOf(const Darkness& ink, const Vector2d& place, const Vector2d& direction, double reach) {
+/// Of the line from place − reach · direction to place + reach · direction: integrals of the ink, so
+/// that gaps between hairs and hairs astray count for what they are.
+Section sectionOf(const InkPicture& ink, const Vector2d& place, const Vector2d& direction,
+                  double reach) {
   const int count = std::max(1, static_cast<int>(std::ceil(reach / (0.5 * ink.pixelSize()))));
   const double step = reach / count;
   double sum = 0.0, moment = 0.0;
   for (int k = -count; k < count; ++k) {
-    const double s = (k + 0.5) * step, dark = ink.at(place + s * direction);
-    sum += dark;
-    moment += dark * s;
+    const double s = (k + 0.5) * step, part = ink.at(place + s * direction);
+    sum += part;
+    moment += part * s;
   }
   return {sum * step, sum * step > 0.5 * ink.pixelSize() ? moment / sum : 0.0};
 }
@@ -124,7 +130,6 @@ class Practice {
     const Vector2d size = high - low + Vector2d::Constant(2.0 * kMargin);
     parameters_.paper.width = size.x();
     parameters_.paper.height = size.y();
-    parameters_.paper.px_per_mm = options.px_per_mm;
     move(wanted_, -corner_);
     outline_ = outline;
     for (auto& polygon : outline_)
@@ -141,7 +146,7 @@ class Practice {
         gain(count, options_.gain);
     for (int pass = 0; pass < options_.passes; ++pass) {
       const Stroke stroke = changed(asked);
-      const Darkness ink = write(stroke);
+      const InkPicture ink = write(stroke);
       if (pass == 0) {
         const GreyPicture& picture = ink.picture();
         target_.emplace(
@@ -182,7 +187,7 @@ class Practice {
     }
   }
 
-  Darkness write(const Stroke& stroke) const {
+  InkPicture write(const Stroke& stroke) const {
     Simulator simulator(parameters_);
     for (const HandlePose& pose : planHandlePoses({stroke}, writing_, tip_length_, &curve_)) {
       simulator.addPose(pose);
@@ -194,7 +199,7 @@ class Practice {
   }
 
   /// By how much the ink is aside and too narrow at each point of the mark.
-  std::vector<Change> errorsOf(const Darkness& ink) const {
+  std::vector<Change> errorsOf(const InkPicture& ink) const {
     const std::vector<StrokePoint>& mark = wanted_.points;
     std::vector<Change> errors(mark.size());
     for (std::size_t k = 0; k < mark.size(); ++k) {
@@ -212,7 +217,7 @@ class Practice {
 
   /// Moves an end of the line by how much too short the ink is there; less and less up to a width and a
   /// half away from it.
-  void stretch(std::vector<Change>& errors, const Darkness& ink, bool at_end) const {
+  void stretch(std::vector<Change>& errors, const InkPicture& ink, bool at_end) const {
     const std::vector<StrokePoint>& mark = wanted_.points;
     const std::size_t end = at_end ? mark.size() - 1 : 0;
     const Vector2d along = tangentAt(mark, end), left(-along.y(), along.x());
@@ -236,7 +241,7 @@ class Practice {
 
   /// How much of the line across the mark is ink that should not be, or is not that should be, at each
   /// point [m].
-  std::vector<double> unlikenessOf(const Darkness& ink) const {
+  std::vector<double> unlikenessOf(const InkPicture& ink) const {
     const std::vector<StrokePoint>& mark = wanted_.points;
     std::vector<Change> wrong(mark.size());
     for (std::size_t k = 0; k < mark.size(); ++k) {
@@ -276,7 +281,7 @@ class Practice {
   Outline outline_;
   Vector2d corner_;
   double tip_length_ = 0.0;
-  std::optional<Darkness> target_;
+  std::optional<InkPicture> target_;
 };
 
 }  // namespace
@@ -288,9 +293,8 @@ std::vector<CorrectedStroke> correctStrokes(const std::vector<Stroke>& strokes,
                                             const CorrectionOptions& options) {
   if (strokes.size() != outlines.size())
     throw std::invalid_argument("strokes are corrected without an outline for each");
-  if (options.passes < 1 || !(options.gain > 0 && options.gain <= 1) ||
-      !(options.px_per_mm >= 1 && options.px_per_mm <= 40))
-    throw std::invalid_argument("a correction needs a pass, a gain in (0, 1] and 1 to 40 px/mm");
+  if (options.passes < 1 || !(options.gain > 0 && options.gain <= 1))
+    throw std::invalid_argument("a correction needs a pass and a gain in (0, 1]");
   checkParameters(parameters);
   std::vector<CorrectedStroke> corrected;
   for (std::size_t k = 0; k < strokes.size(); ++k) {

@@ -14,9 +14,8 @@ namespace calligraphy_brush {
 
 /// How strokes are practised.
 struct CorrectionOptions {
-  int passes = 6;           ///< times that each stroke is written
-  double gain = 0.7;        ///< part of an error that the next pass takes back, in (0, 1]
-  double px_per_mm = 10.0;  ///< of the pictures that are looked at
+  int passes = 6;     ///< times that each stroke is written
+  double gain = 0.7;  ///< part of an error that the next pass takes back, in (0, 1]
 };
 
 /// A stroke after practice.
@@ -28,12 +27,13 @@ struct CorrectedStroke {
 /// Finds the strokes to ask for, so that planHandlePoses writes the outlines that are wanted.
 ///
 /// Iterative learning control (Arimoto, Kawamura & Miyazaki 1984): each stroke is simulated alone with a
-/// full brush; across every point of the wanted mark the amount of ink and its middle are compared with
-/// those of the outline. What is missing widens the line that is asked for there, what is aside moves
-/// it, and at both ends it is made longer or shorter. Errors are smoothed along the stroke, which keeps
-/// the iteration stable; where a pass was worse than the best so far, the next starts from that one and
-/// goes half as far. The pass that is most like its outline (intersection over union) is the result, so
-/// it is never worse than the first. Equal calls give equal results.
+/// full brush, on paper like the sheet and at its resolution; across every point of the wanted mark the
+/// amount of ink and its middle are compared with those of the outline. What is missing widens the line
+/// that is asked for there, what is aside moves it, and at both ends it is made longer or shorter.
+/// Errors are smoothed along the stroke, which keeps the iteration stable; where a pass was worse than
+/// the best so far, the next starts from that one and goes half as far. The pass that is most like its
+/// outline (intersection over union) is the result, so it is never worse than the first. Equal calls
+/// give equal results.
 ///
 /// strokes: by width, in the paper frame; outlines: of each, in the paper frame [m]. Strokes by depth,
 /// or of fewer than two points, stay as they are. Throws ParameterError, and std::invalid_argument if
