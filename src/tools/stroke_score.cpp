@@ -329,7 +329,7 @@ po::options_description describeOptions(Arguments& a) {
                         po::value(&a.glyph.correction.passes)->default_value(6)->value_name("N"),
                         "times that each stroke of a character is practised; 1: written as planned");
   options.add_options()(
-      "gain", po::value(&a.glyph.correction.gain)->default_value(0.7, "0.7")->value_name("PART"),
+      "gain", po::value(&a.glyph.correction.gain)->default_value(1.0, "1")->value_name("PART"),
       "part of an error that the next pass takes back");
   options.add_options()(
       "lean", po::value(&a.writing.lean)->default_value(a.writing.lean, "0.2")->value_name("RAD"),

@@ -15,7 +15,7 @@ namespace calligraphy_brush {
 /// How strokes are practised.
 struct CorrectionOptions {
   int passes = 6;     ///< times that each stroke is written
-  double gain = 0.7;  ///< part of an error that the next pass takes back, in (0, 1]
+  double gain = 1.0;  ///< part of an error that the next pass takes back, in (0, 1]
 };
 
 /// A stroke after practice.
@@ -27,9 +27,10 @@ struct CorrectedStroke {
 /// Finds the strokes to ask for, so that planHandlePoses writes the outlines that are wanted.
 ///
 /// Iterative learning control (Arimoto, Kawamura & Miyazaki 1984): each stroke is simulated alone with a
-/// full brush, on paper like the sheet and at its resolution; across every point of the wanted mark the
+/// full brush, on paper like the sheet and at its resolution. All of the sheet is shared out among the
+/// points of the wanted mark, to the nearest, so that ends and corners count whole; in each share the
 /// amount of ink and its middle are compared with those of the outline. What is missing widens the line
-/// that is asked for there, what is aside moves it, and at both ends it is made longer or shorter.
+/// that is asked for there, and what is aside, or beyond an end, moves it.
 /// Errors are smoothed along the stroke, which keeps the iteration stable; where a pass was worse than
 /// the best so far, the next starts from that one and goes half as far. The pass that is most like its
 /// outline (intersection over union) is the result, so it is never worse than the first. Equal calls
