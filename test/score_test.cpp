@@ -394,6 +394,32 @@ TEST(Correction, WritesAnArcMoreLikeItsOutlineThanThePlan) {
   const GlyphScore score = scoreGlyph(glyph, "arc", parameters, writing, curve, whole);
   EXPECT_NEAR(score.likeness.iou, practised, 0.03);
   EXPECT_GT(score.disc_iou, 0.93);
+  // Ink that is not quite black does not look narrow, and is not asked for wider.
+  const auto area = [&](const GreyPicture& picture) {
+    return static_cast<double>(maskOf(picture, whole.px_per_mm).area_px());
+  };
+  EXPECT_NEAR(area(score.written) / area(score.wanted), 1.0, 0.05);
+}
+
+TEST(Correction, WritesACornerMoreLikeItsOutlineThanThePlan) {
+  // Across and down, as in 口: lines of 6 mm with a sharp corner, where the tuft swings round.
+  Glyph glyph;
+  glyph.strokes.push_back({{{{300, 660}, {760, 660}, {760, 200}, {700, 200}, {700, 600}, {300, 600}}},
+                           {{310, 630}, {500, 630}, {730, 630}, {730, 400}, {730, 210}}});
+  SimulatorParameters parameters = quickBrush();
+  parameters.paper.px_per_mm = 4.0;
+  const WritingParameters writing;
+  const BrushCurve curve = measureBrushCurve(parameters, writing.lean, 6);
+  const double size = 0.1024;
+  StrokePoint defaults;
+  defaults.speed = GlyphOptions().speed;
+  const auto corrected = correctStrokes(strokesOfGlyph(glyph, size, {0.0, 0.0}, defaults),
+                                        outlinesOfGlyph(glyph, size, {0.0, 0.0}), parameters, writing,
+                                        curve, CorrectionOptions());
+  const double planned = corrected[0].iou.front();
+  const double practised = *std::max_element(corrected[0].iou.begin(), corrected[0].iou.end());
+  std::cout << "IoU of a corner: planned " << planned << ", practised " << practised << "\n";
+  EXPECT_GT(practised, planned + 0.015);
 }
 
 TEST(Correction, RefusesWhatDoesNotFit) {
