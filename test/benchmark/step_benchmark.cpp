@@ -331,8 +331,8 @@ void timeWetSheet(benchmark::State& state, double diffusivity) {
   state.counters["tile_steps_per_s"] = static_cast<double>(paper.flowCount() - before) / simulated;
 }
 
-/// Rods that touch and cling, and what their coupling takes besides. They are as thick as those of the
-/// default brush: with more of them the tuft is wider.
+/// Rods of the medium brush, that touch and cling, and what their coupling takes besides. They are as
+/// thick as there whatever their number: with more of them the tuft is wider.
 void timeCoupled(benchmark::State& state, int rod_count, double ink, const RodParameters& rods) {
   Scene scene = standardStroke(rod_count, 16);
   BrushParameters brush;
@@ -340,6 +340,7 @@ void timeCoupled(benchmark::State& state, int rod_count, double ink, const RodPa
   brush.rod_count = rod_count;
   brush.hair_count = static_cast<int>(brush.hair_count * more);
   brush.root_diameter *= std::sqrt(more);
+  brush.hair_taper = 0.85;
   scene.brush = makeBrush(brush);
   scene.contact.bundles = true;
   const auto tuft = makeTuft(scene.brush, rods, scene.contact);
