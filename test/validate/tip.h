@@ -17,7 +17,7 @@ struct TipShapeParameters : DynamicParameters {
   }
   double ink = 1.0;
   double depth = 0.0;
-  std::string brush = "medium";
+  std::string brush = "pointed";
   int rods = 0;
   double duration = 0.6;
   double drag = 0.01;
