@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <vector>
 
 #include "rod_scene.h"
@@ -152,6 +153,36 @@ TEST(PaperContact, WithOneUpdateAStepIsWithinAPercentOfTheSolvedCone) {
     EXPECT_GT(tuft->rodOnPaper(0).lowest, -2e-6);
   }
   EXPECT_NEAR(normal[0], normal[1], 0.01 * normal[1]);
+}
+
+TEST(PaperContact, FrictionOpposesTheWayThatANodeSlides) {
+  // Drawn round a circle in the usual steps: whatever lags behind the slip shows as an angle to it.
+  constexpr double kRadius = 0.03, kRate = 20.0;  // [m], [rad/s]
+  const auto tuft = makeTuft(referenceRod(16), RodParameters{}, ContactParameters{});
+  const auto pose = [](int step) {
+    const double angle = kRate * 1e-3 * std::max(0, step - 400);
+    return handleAt({kRadius * std::cos(angle), kRadius * std::sin(angle),
+                     0.045 - 0.01 * std::min(1.0, step / 400.0)},
+                    0.35);
+  };
+  tuft->place(pose(0));
+  double sum = 0.0, worst = 0.0;
+  int count = 0;
+  for (int step = 1; step < 1400; ++step) {
+    const Eigen::Vector3d before = tuft->nodePosition(0, 15);
+    tuft->step(pose(step));
+    const Eigen::Vector3d force = tuft->contactForce(0, 15);
+    if (step < 800 || !(force.z() > 0.0)) continue;
+    const Eigen::Vector2d slip = (tuft->nodePosition(0, 15) - before).head<2>(), back = -force.head<2>();
+    const double angle = std::atan2(back.x() * slip.y() - back.y() * slip.x(), back.dot(slip));
+    sum += angle;
+    worst = std::max(worst, std::abs(angle));
+    ++count;
+  }
+  ASSERT_GT(count, 300);
+  std::printf("friction behind the slip: %.4f rad on average, %.4f at most\n", sum / count, worst);
+  EXPECT_LT(std::abs(sum / count), 0.5 * kRate * 1e-3);  // half a step
+  EXPECT_LT(worst, 2.0 * kRate * 1e-3);
 }
 
 TEST(PaperContact, LeavingTheSheetOutWhereItIsOutOfReachChangesNothing) {

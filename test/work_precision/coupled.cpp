@@ -89,7 +89,7 @@ std::vector<Coupled> runCoupled(std::ostream& log) {
           compare(4, none, 0.0),
           compare(8, none, 0.0),
           compare(16, none, 0.0),
-          compare(defaults.coupling_rounds, defaults.coupling_tolerance, 0.0)};
+          compare(8, defaults.coupling_tolerance, 0.0)};
 }
 
 }  // namespace work_precision
