@@ -29,8 +29,8 @@ constexpr double kShortestSearch = 4e-3, kLongestSearch = 16e-3;
 /// small shocks of pairs that come and go add up; the shorter, the more rounds until rods know what
 /// their neighbours do.
 constexpr double kRelativeTime = 10e-3, kLeastRelative = 0.3;
-/// How groups of rods are tied hardly changes from step to step: it is summed up again after so many, and
-/// after a search.
+/// How groups of rods are tied hardly changes from step to step: it is summed up again after so many,
+/// and after a search.
 constexpr int kTieSteps = 4;
 /// How far a common motion is trusted in a step, in margins.
 constexpr double kTrustInMargins = 2.0;
@@ -507,8 +507,8 @@ class TuftOf : public Tuft {
     forBatches([&](Batch& batch, BundleBatch<Real>& bundle) {
       if (coupling_rounds_ > 1) keepStart(batch);
       chooseScheme(batch);
-      coupling.extrapolate(stage_->ratio, std::pow(relative_, stage_->part), batch.model, batch.roots,
-                           batch.state, bundle);
+      coupling.extrapolate(stage_->ratio, std::pow(relative_, stage_->part), has_paper_, batch.model,
+                           batch.roots, batch.state, bundle);
     });
     since_search_ += stage_->part * time_step_;
     const WaysApart apart = noteWays(bundles);
@@ -672,7 +672,7 @@ class TuftOf : public Tuft {
         for (std::size_t row = 0; row < 3; ++row)
           batch.common[static_cast<std::size_t>(3 * place) + row] =
               scale * level.shift[at(static_cast<std::size_t>(index), place, 3) + row * kLanes];
-      coupling.shift(batch.model, batch.roots, batch.state,
+      coupling.shift(has_paper_, batch.model, batch.roots, batch.state,
                      bundles.batches[static_cast<std::size_t>(index)], batch.common.data());
     });
   }

@@ -43,13 +43,13 @@ struct Coupling {
   void (*push)(BundleContact<Real>&, int tie, bool with_ties);
   void (*gather)(BundleContact<Real>&, int batch);
   void (*cross)(BundleContact<Real>&);
-  void (*extrapolate)(double ratio, double relative, const RodBatchModel<Real>&,
+  void (*extrapolate)(double ratio, double relative, bool has_paper, const RodBatchModel<Real>&,
                       const RodBatchRoots<Real>&, RodBatchState<Real>&, BundleBatch<Real>&);
   void (*sumUp)(const RodStep<Real>&, const Real* present, const CommonPlaces<Real>&, Real* scratch,
                 Real* sums);
   void (*solveCommon)(CommonMotionState<Real>&);
-  void (*shift)(const RodBatchModel<Real>&, const RodBatchRoots<Real>&, RodBatchState<Real>&,
-                BundleBatch<Real>&, const Real* shifts);
+  void (*shift)(bool has_paper, const RodBatchModel<Real>&, const RodBatchRoots<Real>&,
+                RodBatchState<Real>&, BundleBatch<Real>&, const Real* shifts);
 };
 
 /// A compiled form of the step for one instruction set.
@@ -160,11 +160,25 @@ void sumUp(const RodStep<RealOf<V>>& step, const RealOf<V>* present,
   for (int row = 0; row < rows; ++row) sums[row] = sumOf<V>(load<V>(scratch + row * widthOf<V>));
 }
 
+/// An edge from a node at height z, turned so far up that it ends no lower than the sheet or its node.
+template <class V>
+CALLIGRAPHY_INLINE Vec3<V> aboveSheet(Vec3<V> e, V z, V length) {
+  using Real = RealOf<V>;
+  const V zero{}, below = min(z, zero) - z - e.z;  // by which it has to be raised
+  if (!any(below > zero)) return e;
+  const V raised = e.z + max(below, zero);
+  const V level = e.x * e.x + e.y * e.y;
+  const V left =
+      sqrt(max(zero, length * length - raised * raised) / max(level, broadcast<V>(Real(1e-30))));
+  const MaskOf<V> turns = below > zero;
+  return {select(turns, left * e.x, e.x), select(turns, left * e.y, e.y), select(turns, raised, e.z)};
+}
+
 /// Rods go on as they did, for `ratio` of the time of their last way: what others believe of them, and
 /// the shape that the next solve begins with. Of what a rod does that its batch does not, the part
-/// `relative` is believed to go on.
+/// `relative` is believed to go on; nobody is believed to go through the sheet, if there is one.
 template <class V>
-void extrapolate(double ratio, double relative, const RodBatchModel<RealOf<V>>& model,
+void extrapolate(double ratio, double relative, bool has_paper, const RodBatchModel<RealOf<V>>& model,
                  const RodBatchRoots<RealOf<V>>& roots, RodBatchState<RealOf<V>>& state,
                  BundleBatch<RealOf<V>>& bundle) {
   using Real = RealOf<V>;
@@ -220,6 +234,7 @@ void extrapolate(double ratio, double relative, const RodBatchModel<RealOf<V>>& 
       Vector e = old + (next - last);
       last = next;
       e = (length / sqrt(squaredNorm(e))) * e;
+      if (has_paper) e = aboveSheet(e, point.z, length);
       e.storeTo(state.guess.data() + at);
       way = way + (e - old);
       point = point + e;
@@ -232,7 +247,7 @@ void extrapolate(double ratio, double relative, const RodBatchModel<RealOf<V>>& 
 /// Moves what is believed of a batch, and the shape that its next solve begins with, by what its rods do
 /// together: shifts [place][3].
 template <class V>
-void shift(const RodBatchModel<RealOf<V>>& model, const RodBatchRoots<RealOf<V>>& roots,
+void shift(bool has_paper, const RodBatchModel<RealOf<V>>& model, const RodBatchRoots<RealOf<V>>& roots,
            RodBatchState<RealOf<V>>& state, BundleBatch<RealOf<V>>& bundle, const RealOf<V>* shifts) {
   using Real = RealOf<V>;
   using Vector = Vec3<V>;
@@ -254,6 +269,7 @@ void shift(const RodBatchModel<RealOf<V>>& model, const RodBatchRoots<RealOf<V>>
       Vector e = Vector::loadFrom(state.guess.data() + at) + (moved - before);
       before = moved;
       e = (length / sqrt(squaredNorm(e))) * e;
+      if (has_paper) e = aboveSheet(e, point.z, length);
       e.storeTo(state.guess.data() + at);
       way = way + (e - Vector::loadFrom(state.edge.data() + at));
       point = point + e;
