@@ -294,8 +294,8 @@ po::options_description describeOptions(Arguments& a) {
                         "from a waypoint at which the arm turns to the next");
   options.add_options()("offset-x", po::value(&a.offset_x)->default_value(0.0, "0")->value_name("M"),
                         "of the brush's point from where the arm has it");
-  options.add_options()("offset-y", po::value(&a.offset_y)->default_value(-0.001, "-0.001")->value_name("M"),
-                        "the same along y, fitted to even rows");
+  options.add_options()("offset-y", po::value(&a.offset_y)->default_value(0.0, "0")->value_name("M"),
+                        "the same along y");
   options.add_options()("px-per-mm",
                         po::value(&a.px_per_mm)->default_value(4.0, "4")->value_name("PX/MM"),
                         "resolution of the pictures that are compared");
