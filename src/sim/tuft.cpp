@@ -574,8 +574,9 @@ class TuftOf : public Tuft {
       });
     pool_.run(batches, [&](int batch, int) { coupling.gather(bundles, batch); });
     coupling.cross(bundles);
-    if (with_ties) tieGroups();
-    if (with_ties) since_ties_ = 0;
+    if (!with_ties) return;
+    tieGroups();
+    since_ties_ = 0;
   }
 
   /// The ties of batches, and those of larger groups by them.
