@@ -267,10 +267,11 @@ class PaperContact {
       // of what slides: friction that points where the node went some steps ago leads a tuft astray.
       const Vec3<V> old = Vec3<V>::loadFrom(multiplier);
       const Vec3<V> better = Vec3<V>::loadFrom(better_ + node * 3 * kLanes);
-      const V full = friction_ * better.z;
-      const Mask presses = better.z > zero;
-      const Mask slides = presses & (better.x * better.x + better.y * better.y >=
-                                     broadcast<V>(Real(kOnCone)) * full * full);
+      const auto isWithinCone = [&](const Vec3<V>& f) {
+        const V cone = friction_ * f.z;
+        return f.x * f.x + f.y * f.y < broadcast<V>(Real(kOnCone)) * cone * cone;
+      };
+      const Mask presses = better.z > zero, slides = presses & !isWithinCone(better);
       Vec3<V> m = select(presses, old + broadcast<V>(Real(kTakeUp)) * (better - old), better);
       const V part = m.z / select(slides, better.z, broadcast<V>(1));
       m.x = select(slides, part * better.x, m.x);
@@ -279,9 +280,7 @@ class PaperContact {
       const Vec3<V> push = Vec3<V>::loadFrom(force);
       engaged = engaged | (m.z > zero) | (squaredNorm(push) > zero);
       touching = touching + select(push.z > zero, broadcast<V>(1), zero);
-      const V cone = friction_ * m.z;
-      const Mask sticks =
-          (m.z > zero) & (m.x * m.x + m.y * m.y < broadcast<V>(Real(kOnCone)) * cone * cone);
+      const Mask sticks = (m.z > zero) & isWithinCone(m);
       const V sx = load<V>(slip_ + node * 2 * kLanes), sy = load<V>(slip_ + (node * 2 + 1) * kLanes);
       stuck = stuck | sticks | ((m.z > zero) & (sx * sx + sy * sy < least * least));
       store<V>(offset, select(sticks, load<V>(slip_ + node * 2 * kLanes), zero));

@@ -174,9 +174,55 @@ CALLIGRAPHY_INLINE Vec3<V> aboveSheet(Vec3<V> e, V z, V length) {
   return {select(turns, left * e.x, e.x), select(turns, left * e.y, e.y), select(turns, raised, e.z)};
 }
 
+/// What is believed of rods in lanes of a batch, edge by edge from the root on: where their nodes go,
+/// and the shape that the next solve begins with. No edge goes through the sheet, if there is one.
+template <class V>
+class RodBeliefs {
+ public:
+  using Real = RealOf<V>;
+  using Vector = Vec3<V>;
+
+  RodBeliefs(bool has_paper, const RodBatchModel<Real>& model, const RodBatchRoots<Real>& roots,
+             RodBatchState<Real>& state, BundleBatch<Real>& bundle, int lane)
+      : has_paper_(has_paper),
+        lane_(lane),
+        length_(load<V>(model.edge_length.data() + lane)),
+        way_(Vector::loadFrom(roots.displacement.data() + lane)),
+        point_(Vector::loadFrom(roots.position.data() + lane)),
+        state_(state),
+        bundle_(bundle) {
+    put(0);
+  }
+
+  /// The edge up to `node`, brought to its length.
+  CALLIGRAPHY_INLINE void take(int node, Vector e) {
+    const int at = (node - 1) * kVector + lane_;
+    e = (length_ / sqrt(squaredNorm(e))) * e;
+    if (has_paper_) e = aboveSheet(e, point_.z, length_);
+    e.storeTo(state_.guess.data() + at);
+    way_ = way_ + (e - Vector::loadFrom(state_.edge.data() + at));
+    point_ = point_ + e;
+    put(node);
+  }
+
+ private:
+  static constexpr int kVector = 3 * kLanes;
+  CALLIGRAPHY_INLINE void put(int node) {
+    way_.storeTo(bundle_.way.data() + node * kVector + lane_);
+    point_.storeTo(bundle_.point.data() + node * kVector + lane_);
+  }
+
+  bool has_paper_;
+  int lane_;
+  V length_;
+  Vector way_, point_;
+  RodBatchState<Real>& state_;
+  BundleBatch<Real>& bundle_;
+};
+
 /// Rods go on as they did, for `ratio` of the time of their last way: what others believe of them, and
 /// the shape that the next solve begins with. Of what a rod does that its batch does not, the part
-/// `relative` is believed to go on; nobody is believed to go through the sheet, if there is one.
+/// `relative` is believed to go on.
 template <class V>
 void extrapolate(double ratio, double relative, bool has_paper, const RodBatchModel<RealOf<V>>& model,
                  const RodBatchRoots<RealOf<V>>& roots, RodBatchState<RealOf<V>>& state,
@@ -214,11 +260,8 @@ void extrapolate(double ratio, double relative, bool has_paper, const RodBatchMo
   const V scale = broadcast<V>(static_cast<Real>(ratio)),
           own = broadcast<V>(static_cast<Real>(relative));
   for (int lane = 0; lane < kLanes; lane += kWidth) {
-    const V length = load<V>(model.edge_length.data() + lane);
-    Vector way = Vector::loadFrom(roots.displacement.data() + lane);
-    Vector point = Vector::loadFrom(roots.position.data() + lane), last = way;
-    way.storeTo(bundle.way.data() + lane);
-    point.storeTo(bundle.point.data() + lane);
+    RodBeliefs<V> beliefs(has_paper, model, roots, state, bundle, lane);
+    Vector last = Vector::loadFrom(roots.displacement.data() + lane);
     for (int node = 1; node < n; ++node) {
       const auto row = static_cast<std::size_t>(node);
       Vector mean{};
@@ -230,16 +273,8 @@ void extrapolate(double ratio, double relative, bool has_paper, const RodBatchMo
       const int at = (node - 1) * kVector + lane;
       const Vector before = Vector::loadFrom(state.displacement.data() + node * kVector + lane);
       const Vector next = scale * (mean + own * (before - mean));
-      const Vector old = Vector::loadFrom(state.edge.data() + at);
-      Vector e = old + (next - last);
+      beliefs.take(node, Vector::loadFrom(state.edge.data() + at) + (next - last));
       last = next;
-      e = (length / sqrt(squaredNorm(e))) * e;
-      if (has_paper) e = aboveSheet(e, point.z, length);
-      e.storeTo(state.guess.data() + at);
-      way = way + (e - old);
-      point = point + e;
-      way.storeTo(bundle.way.data() + node * kVector + lane);
-      point.storeTo(bundle.point.data() + node * kVector + lane);
     }
   }
 }
@@ -254,9 +289,8 @@ void shift(bool has_paper, const RodBatchModel<RealOf<V>>& model, const RodBatch
   constexpr int kVector = 3 * kLanes;
   const CommonPlaces<Real>& places = bundle.places;
   for (int lane = 0; lane < kLanes; lane += widthOf<V>) {
-    const V length = load<V>(model.edge_length.data() + lane);
-    Vector way = Vector::loadFrom(roots.displacement.data() + lane), before{};
-    Vector point = Vector::loadFrom(roots.position.data() + lane);
+    RodBeliefs<V> beliefs(has_paper, model, roots, state, bundle, lane);
+    Vector before{};
     for (int node = 1; node < model.node_count; ++node) {
       const auto row = static_cast<std::size_t>(node);
       Vector moved{};
@@ -266,15 +300,8 @@ void shift(bool has_paper, const RodBatchModel<RealOf<V>>& model, const RodBatch
         moved = moved + part * Vector{at(0), at(1), at(2)};
       }
       const int at = (node - 1) * kVector + lane;
-      Vector e = Vector::loadFrom(state.guess.data() + at) + (moved - before);
+      beliefs.take(node, Vector::loadFrom(state.guess.data() + at) + (moved - before));
       before = moved;
-      e = (length / sqrt(squaredNorm(e))) * e;
-      if (has_paper) e = aboveSheet(e, point.z, length);
-      e.storeTo(state.guess.data() + at);
-      way = way + (e - Vector::loadFrom(state.edge.data() + at));
-      point = point + e;
-      way.storeTo(bundle.way.data() + node * kVector + lane);
-      point.storeTo(bundle.point.data() + node * kVector + lane);
     }
   }
 }
