@@ -617,7 +617,7 @@ TEST(Mapping, LeavingLiftsTheBrushWhereItWas) {
 
 TEST(Mapping, PauseIsHeldUntilThePenMovesOn) {
   PenMapping mapping({}, tabletSize(), {});
-  mapping.take(makeSample(0.1, 0.05, 0.5, 1'000'000'000));
+  mapping.take(makeSample(0.1, 0.05, 0.0, 1'000'000'000));
   const HandlePose before = mapping.take(makeSample(0.1, 0.05, 0.0, 1'008'000'000)).poses.at(0);
   const auto poses = mapping.take(makeSample(0.101, 0.05, 0.5, 2'000'000'000)).poses;
   ASSERT_EQ(poses.size(), 3U);
@@ -625,6 +625,53 @@ TEST(Mapping, PauseIsHeldUntilThePenMovesOn) {
   EXPECT_EQ(poses[0].stamp_ns, 1'016'000'000);
   EXPECT_EQ(poses[1].stamp_ns, 1'992'000'000);
   EXPECT_EQ(poses[2].stamp_ns, 2'000'000'000);
+}
+
+TEST(Mapping, PenThatRestsOnTheTabletPressesTheBrushToItsDepth) {
+  const auto begin = [](PenMapping& mapping) {
+    mapping.take(makeSample(0.1, 0.05, 0.0, 1'000'000'000));
+    mapping.take(makeSample(0.1, 0.05, 0.5, 1'008'000'000));
+  };
+  PenMapping mapping({}, tabletSize(), {}), live({}, tabletSize(), {});
+  begin(mapping);
+  auto poses = mapping.take(makeSample(0.1, 0.05, 0.5, 2'000'000'000)).poses;
+  ASSERT_GT(poses.size(), 10U);
+  EXPECT_NEAR(poses.back().position.z(), 0.045 - mapping.pressedLevel(0.5), 1e-5);
+  EXPECT_LT(poses[poses.size() - 2].stamp_ns, 2'000'000'000);
+  const HandlePose& settled = poses[poses.size() - 3];  // then it stays to the end
+  EXPECT_LT(settled.stamp_ns, 1'500'000'000);
+  EXPECT_NEAR(settled.position.z(), 0.045 - mapping.pressedLevel(0.5), 1e-5);
+
+  // Whoever waits gets the same poses as they are due.
+  begin(live);
+  std::vector<HandlePose> waited;
+  const auto keep = [&](const PenActions& actions) {
+    waited.insert(waited.end(), actions.poses.begin(), actions.poses.end());
+  };
+  for (int k = 0; k < 45; ++k) {
+    const std::int64_t now_ns = 1'010'000'000 + k * 22 * kMs;
+    keep(live.rest(now_ns));
+    EXPECT_TRUE(waited.empty() || waited.back().stamp_ns < now_ns);
+  }
+  EXPECT_EQ(waited.size(), poses.size() - 2);
+  keep(live.take(makeSample(0.1, 0.05, 0.5, 2'000'000'000)));
+  ASSERT_EQ(waited.size(), poses.size());
+  for (std::size_t k = 0; k < poses.size(); ++k) {
+    EXPECT_EQ(waited[k].stamp_ns, poses[k].stamp_ns);
+    EXPECT_EQ(waited[k].position, poses[k].position);
+  }
+}
+
+TEST(Mapping, TuftOfAPenThatHasLeftStraightens) {
+  PenMapping mapping({}, tabletSize(), {});
+  mapping.take(makeSample(0.1, 0.05, 0.5, 1'000'000'000));
+  const HandlePose up = mapping.leave(1'008'000'000).poses.at(0);
+  EXPECT_TRUE(mapping.rest(1'040'000'000).poses.empty());
+  const auto poses = mapping.rest(1'070'000'000).poses;
+  ASSERT_EQ(poses.size(), 1U);
+  EXPECT_EQ(poses[0].position, up.position);
+  EXPECT_EQ(poses[0].stamp_ns, up.stamp_ns + 50 * kMs);
+  EXPECT_TRUE(mapping.rest(9'000'000'000).poses.empty());
 }
 
 TEST(Mapping, StampsRiseByAMillisecondAndSurviveAClockSetBack) {

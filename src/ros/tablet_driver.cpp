@@ -19,7 +19,7 @@ namespace calligraphy_brush {
 namespace {
 
 constexpr std::int64_t kSecond_ns = 1'000'000'000;
-constexpr int kReadTimeout_ms = 100;
+constexpr int kReadTimeout_ms = 20;
 constexpr std::uint32_t kQueue = 10000;  // every pose is part of the stroke: 50 s at 200 Hz
 
 double lowestNode(const Simulator& simulator) {
@@ -199,6 +199,7 @@ void TabletDriver::runDevice() {
       is_there = device->read(events, kReadTimeout_ms);
       for (const InputEvent& event : events)
         if (const auto report = reader->take(event)) publish(*report);
+      if (events.empty()) publish(reader->rest(static_cast<std::int64_t>(ros::WallTime::now().toNSec())));
       if (device->dropCount() != drops) {
         drops = device->dropCount();
         ROS_WARN_STREAM("tablet: the kernel dropped events, this machine is too busy ("
@@ -222,12 +223,19 @@ void TabletDriver::runRecording(const TabletRecording& recording, double speed) 
   }
   const ros::WallTime start = ros::WallTime::now();
   const std::int64_t first_ns = recording.events.front().stamp_ns;
-  const std::int64_t shift_ns = static_cast<std::int64_t>(start.toNSec()) - first_ns;
+  const auto start_ns = static_cast<std::int64_t>(start.toNSec());
+  const std::int64_t shift_ns = start_ns - first_ns;
   for (InputEvent event : recording.events) {
     if (!ros::ok()) return;
-    if (speed > 0.0)
-      ros::WallTime::sleepUntil(
-          start + ros::WallDuration(1e-9 * static_cast<double>(event.stamp_ns - first_ns) / speed));
+    if (speed > 0.0) {
+      const ros::WallTime due =
+          start + ros::WallDuration(1e-9 * static_cast<double>(event.stamp_ns - first_ns) / speed);
+      for (auto now = ros::WallTime::now(); now < due && ros::ok(); now = ros::WallTime::now()) {
+        const double so_far = speed * (now - start).toSec();
+        publish(reader.rest(start_ns + static_cast<std::int64_t>(1e9 * so_far)));
+        ros::WallTime::sleepUntil(std::min(due, now + ros::WallDuration(1e-3 * kReadTimeout_ms)));
+      }
+    }
     event.stamp_ns += shift_ns;
     if (const auto report = reader.take(event)) publish(*report);
     ros::spinOnce();

@@ -15,14 +15,18 @@ constexpr std::int64_t kMillisecond_ns = 1'000'000;
 constexpr std::int64_t kLeastInterval_ns = kMillisecond_ns;
 constexpr std::int64_t kPause_ns = 50 * kMillisecond_ns;  // tablets report every 2 to 16 ms
 constexpr std::int64_t kHold_ns = 8 * kMillisecond_ns;    // a usual interval
+constexpr std::int64_t kLongestRest_ns = 1000 * kMillisecond_ns;
 constexpr std::int64_t kClockStep_ns = 1000 * kMillisecond_ns;
 constexpr double kLift = 0.015;             // [s]: until the lift after a touch is highest
 constexpr double kBend = 0.05;              // [s]: in which a tuft forgets how far it was bent
 constexpr double kSwing = 0.01;             // [s]: what a tuft swings by over its speed
 constexpr double kSwingMemory = 0.1;        // [s]: how long it swings
-constexpr double kFallAcceleration = 10.0;  // [m/s²]: by it a tuft hangs back 1 mm
+constexpr double kRise = 0.004;             // [s]: time constant of the way up
+constexpr double kFallAcceleration = 5.0;   // [m/s²]: by it a tuft hangs back 0.5 mm
 constexpr double kFallStep = 1e-3;          // [s]
 constexpr double kLongestFall = 1.0;        // [s]
+constexpr double kStillWay = 1e-6;          // [m]: of a brush at rest in 8 ms
+constexpr double kStillTurn = 1e-3;         // [rad]: from where it shall point
 constexpr double kTopSpeed = 4.0;           // [m/s]: of the brush; a hand reaches 3
 constexpr double kHoldSpeed = 1.0;          // [m/s]: after a pause the brush moves on no faster
 
@@ -97,7 +101,7 @@ double PenMapping::hoverLevel(double distance, double contact) const {
   return -p.clearance - p.hover_height * beyond;
 }
 
-/// Level after a time [s] in which it shall become `target`: up at once, down as a tuft bears it.
+/// Level after a time [s] in which it shall become `target`, as a tuft bears it.
 double PenMapping::levelAfter(double seconds, double target) {
   const TabletPressureParameters& p = parameters_.pressure;
   // In short steps, so that it does not depend on the rate of the reports.
@@ -111,7 +115,8 @@ double PenMapping::levelAfter(double seconds, double target) {
   }
   if (level < target) return level;
   fall_ = 0.0;
-  return target;
+  if (!has_posed_) return target;
+  return target + (level - target) * std::exp(-std::max(0.0, seconds) / kRise);
 }
 
 Vector3d PenMapping::wantedShaft(const PenSample& sample) const {
@@ -182,19 +187,72 @@ HandlePose PenMapping::poseOf(const Posture& posture, std::int64_t stamp_ns) con
   return pose;
 }
 
-/// Poses that hold the last one during a pause that ends at until_ns; way: to the next place [m].
-void PenMapping::hold(std::int64_t until_ns, double way, PenActions& actions) {
-  const std::int64_t from_ns = stamp_ns_;
-  if (!has_posed_ || until_ns - from_ns <= kPause_ns) return;
-  // The first ends the motion before the pause.
-  stamp_ns_ = from_ns + kHold_ns;
+/// A pose of the brush on its way to where the sample sends it.
+void PenMapping::follow(const PenSample& sample, const Vector2d& place, std::int64_t stamp_ns,
+                        PenActions& actions) {
+  Posture wanted;
+  wanted.place = place;
+  wanted.level = wantedLevel(sample, place, stamp_ns);
+  shaft_target_ = wantedShaft(sample);
+  const double twist_target = wantedTwist(sample);
+  const double since = 1e-9 * static_cast<double>(std::max(kLeastInterval_ns, stamp_ns - stamp_ns_));
+  wanted.level = levelAfter(since, wanted.level);
+  // Exact for a target that is constant between two reports, so it does not depend on their rate.
+  const double share = has_posed_ && parameters_.tilt.smoothing > 0.0
+                           ? -std::expm1(-since / parameters_.tilt.smoothing)
+                           : 1.0;
+  const auto approach = [share](auto& from, const Vector3d& shaft, double twist) {
+    from.shaft = (from.shaft + share * (shaft - from.shaft)).normalized();
+    from.twist += share * wrapped(twist - from.twist);
+  };
+  approach(half_way_, shaft_target_, twist_target);
+  wanted.shaft = posture_.shaft;
+  wanted.twist = posture_.twist;
+  approach(wanted, half_way_.shaft, half_way_.twist);
+  const auto isFar = [&wanted](const auto& other) {
+    return (other.shaft - wanted.shaft).norm() + std::abs(other.twist - wanted.twist) > kStillTurn;
+  };
+  is_still_ = std::abs(wanted.level - posture_.level) <= kStillWay && !isFar(half_way_) && !isFar(posture_);
+  if (has_posed_) stamp_ns = afterWay(stamp_ns, wanted);
+  posture_ = wanted;
+  stamp_ns_ = stamp_ns;
+  has_posed_ = true;
   actions.poses.push_back(poseOf(posture_, stamp_ns_));
-  if (is_away_) return;  // It may fly to where it comes back.
+}
+
+/// Poses of a brush that nobody has reported on and that goes on to where the last report sent it, up to
+/// a time by the clock of the poses.
+void PenMapping::rest(std::int64_t until_ns, PenActions& actions) {
+  if (!has_posed_) return;
+  if (is_away_) {
+    // Its tuft straightens.
+    if (is_still_ || until_ns - stamp_ns_ <= kPause_ns) return;
+    is_still_ = true;
+    stamp_ns_ += kPause_ns;
+    actions.poses.push_back(poseOf(posture_, stamp_ns_));
+    return;
+  }
+  // The first ends the motion before the pause.
+  const std::int64_t last_ns = std::min(until_ns - kPause_ns, reported_ns_ + kLongestRest_ns);
+  while ((!is_still_ || stamp_ns_ == reported_ns_) && stamp_ns_ < last_ns)
+    follow(sample_, placeOnSheet(sample_.x, sample_.y), stamp_ns_ + kHold_ns, actions);
+}
+
+/// The same up to the end of a pause; way: to the next place [m].
+void PenMapping::hold(std::int64_t until_ns, double way, PenActions& actions) {
+  rest(until_ns, actions);
+  if (!has_posed_ || is_away_ || until_ns - reported_ns_ <= kPause_ns) return;
   const auto leaves_ns =
       until_ns - std::max(kHold_ns, static_cast<std::int64_t>(1e9 * std::min(way / kHoldSpeed, 60.0)));
   if (leaves_ns < stamp_ns_ + kLeastInterval_ns) return;
   stamp_ns_ = leaves_ns;
   actions.poses.push_back(poseOf(posture_, stamp_ns_));
+}
+
+PenActions PenMapping::rest(std::int64_t now_ns) {
+  PenActions actions;
+  rest(now_ns + clock_offset_ns_, actions);
+  return actions;
 }
 
 PenActions PenMapping::take(const PenSample& sample) {
@@ -219,37 +277,15 @@ PenActions PenMapping::take(const PenSample& sample) {
   eraser_touched_ = eraser_touches;
   if (!sample.has_position) return actions;
 
-  std::int64_t stamp_ns = nextStamp(sample.stamp_ns);
-  Posture wanted;
+  const std::int64_t stamp_ns = nextStamp(sample.stamp_ns);
   if (is_away_) path_.restart();
-  wanted.place = placeOnSheet(sample.x, sample.y);
-  if (parameters_.device.even_out) wanted.place = path_.take(stamp_ns, wanted.place);
-  wanted.level = wantedLevel(sample, wanted.place, stamp_ns);
-  shaft_target_ = wantedShaft(sample);
-  const double twist_target = wantedTwist(sample);
-  hold(stamp_ns, (wanted.place - posture_.place).norm(), actions);
-  const std::int64_t since_ns = std::max(kLeastInterval_ns, stamp_ns - stamp_ns_);
-  wanted.level = levelAfter(1e-9 * static_cast<double>(since_ns), wanted.level);
-  // Exact for a target that is constant between two reports, so it does not depend on their rate. A
-  // brush that moves on after a pause has had no time to turn.
-  const double share =
-      has_posed_ && parameters_.tilt.smoothing > 0.0
-          ? -std::expm1(-1e-9 * static_cast<double>(since_ns) / parameters_.tilt.smoothing)
-          : 1.0;
-  const auto approach = [share](auto& from, const Vector3d& shaft, double twist) {
-    from.shaft = (from.shaft + share * (shaft - from.shaft)).normalized();
-    from.twist += share * wrapped(twist - from.twist);
-  };
-  approach(half_way_, shaft_target_, twist_target);
-  wanted.shaft = posture_.shaft;
-  wanted.twist = posture_.twist;
-  approach(wanted, half_way_.shaft, half_way_.twist);
-  if (has_posed_) stamp_ns = afterWay(stamp_ns, wanted);
-  posture_ = wanted;
-  stamp_ns_ = stamp_ns;
+  Vector2d place = placeOnSheet(sample.x, sample.y);
+  if (parameters_.device.even_out) place = path_.take(stamp_ns, place);
+  hold(stamp_ns, (place - posture_.place).norm(), actions);
+  follow(sample, place, stamp_ns, actions);
+  sample_ = sample;
+  reported_ns_ = stamp_ns_;
   is_away_ = false;
-  has_posed_ = true;
-  actions.poses.push_back(poseOf(posture_, stamp_ns_));
   return actions;
 }
 
@@ -259,11 +295,15 @@ PenActions PenMapping::leave(std::int64_t stamp_ns) {
   const std::int64_t leaving_ns = nextStamp(stamp_ns);
   hold(leaving_ns, 0.0, actions);
   Posture wanted = posture_;
-  wanted.level = std::min(posture_.level, -parameters_.pressure.clearance);
+  // Where it stays, so that its tuft comes to rest in the air.
+  const double since = 1e-9 * static_cast<double>(std::max(std::int64_t{0}, leaving_ns - touch_ns_));
+  const double bend = parameters_.pressure.lift * bend_ * std::exp(-since / kBend);
+  wanted.level = std::min(posture_.level, -parameters_.pressure.clearance - bend);
   fall_ = 0.0;
   stamp_ns_ = afterWay(leaving_ns, wanted);
   posture_ = wanted;
   is_away_ = true;
+  is_still_ = false;
   actions.poses.push_back(poseOf(posture_, stamp_ns_));
   return actions;
 }

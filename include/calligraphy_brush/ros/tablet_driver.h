@@ -85,6 +85,7 @@ class TabletReader {
     if (!sample) return std::nullopt;
     return TabletReport{*sample, mapping_.take(*sample)};
   }
+  PenActions rest(std::int64_t now_ns) { return mapping_.rest(now_ns); }
   PenActions leave(std::int64_t stamp_ns) { return mapping_.leave(stamp_ns); }
   const TabletDecoder& decoder() const { return decoder_; }
 

@@ -48,22 +48,22 @@ struct PenActions {
 /// So it is continuous: q → 0 and distance → contact meet at −clearance, and a tablet without distance
 /// stays there. `contact` is what the tablet reported in the last touch.
 ///
-/// That is the target l*; up the level goes to it at once. A tuft that is thrown down hangs back, swings
-/// through, hits the sheet splayed and leaves it again; so the level l goes down at a speed v ≥ 0 that
-/// grows by 10 m/s² at most, with
+/// That is the target l*. Up the level l goes to it with a time constant of 4 ms: a tuft that is jerked up
+/// is flung about. One that is thrown down hangs back, swings through, hits the sheet splayed and leaves
+/// it again; so down it goes at a speed v ≥ 0 that grows by 5 m/s² at most, with
 ///   v ≤ (l* − l) / settle,   v ≤ press_speed + max(0, −l) / settle:
 /// it is slowed on the way to the sheet and to its depth, and in the sheet never faster than
-/// press_speed. From the clearance to the sheet that takes about 50 ms; the place is not delayed.
+/// press_speed. From the clearance to the sheet that takes about 55 ms; the place is not delayed.
 ///
 /// In the air the level lies further up by lift (w + b x e^(1 − x)): b, how deep the tuft was in the
 /// last touch (fading in 50 ms), x, the time since in 15 ms: it springs down as it straightens; w, what
 /// it swings by when it is carried, 10 ms of the speed of the place, low-passed.
 ///
 /// The eraser never writes; nor does the first report of a pen that arrives touching: it would draw a
-/// line through the air. A pen that leaves is lifted from where it was. After a pause of more than 50
-/// ms, which a tablet makes that has nothing new to say, poses that hold the last one are put before the
-/// new one: else the brush would leave early and slowly for what it does at the end of the pause. Poses
-/// are at least 1 ms apart: reports that the kernel got at once would be a jump. A clock set back by
+/// line through the air. A pen that leaves is lifted from where it was, at the x = 1 of its touch. In a pause of more than 50 ms,
+/// which a tablet makes that has nothing new to say, the brush goes on to where the last report sent it,
+/// by a pose every 8 ms until it is there, and stays to the end of the pause; that of a pen that has left
+/// gets one more pose, after 50 ms in which its tuft straightens. Poses are at least 1 ms apart: reports that the kernel got at once would be a jump. A clock set back by
 /// more than a second goes on from where it was.
 class PenMapping {
  public:
@@ -76,6 +76,10 @@ class PenMapping {
 
   /// The tablet is gone: lifts the brush if there was one on it.
   PenActions leave(std::int64_t stamp_ns);
+
+  /// Poses of a pause so far, for those who wait: nothing, or what the next take() would begin with. Time
+  /// in the clock of the samples [ns].
+  PenActions rest(std::int64_t now_ns);
 
   /// Where a place on the tablet is on the sheet [m].
   Eigen::Vector2d placeOnSheet(double x, double y) const;
@@ -105,6 +109,9 @@ class PenMapping {
   std::int64_t nextStamp(std::int64_t stamp_ns);
   std::int64_t afterWay(std::int64_t stamp_ns, const Posture& wanted) const;
   HandlePose poseOf(const Posture& posture, std::int64_t stamp_ns) const;
+  void follow(const PenSample& sample, const Eigen::Vector2d& place, std::int64_t stamp_ns,
+              PenActions& actions);
+  void rest(std::int64_t until_ns, PenActions& actions);
   void hold(std::int64_t until_ns, double way, PenActions& actions);
 
   TabletParameters parameters_;
@@ -128,6 +135,9 @@ class PenMapping {
   std::int64_t touch_ns_ = 0;  // when it was
   bool has_posed_ = false;
   bool is_away_ = true;
+  bool is_still_ = false;             // a brush that is where it shall be
+  PenSample sample_;                  // the last one that had a position
+  std::int64_t reported_ns_ = 0;      // of its pose
   std::int64_t stamp_ns_ = 0;         // of the newest pose
   std::int64_t clock_offset_ns_ = 0;  // added to all stamps
 };
