@@ -17,18 +17,18 @@ constexpr std::int64_t kPause_ns = 50 * kMillisecond_ns;  // tablets report ever
 constexpr std::int64_t kHold_ns = 8 * kMillisecond_ns;    // a usual interval
 constexpr std::int64_t kLongestRest_ns = 1000 * kMillisecond_ns;
 constexpr std::int64_t kClockStep_ns = 1000 * kMillisecond_ns;
-constexpr double kLift = 0.015;             // [s]: until the lift after a touch is highest
-constexpr double kBend = 0.05;              // [s]: in which a tuft forgets how far it was bent
-constexpr double kSwing = 0.01;             // [s]: what a tuft swings by over its speed
-constexpr double kSwingMemory = 0.1;        // [s]: how long it swings
-constexpr double kRise = 0.004;             // [s]: time constant of the way up
-constexpr double kFallAcceleration = 5.0;   // [m/s²]: by it a tuft hangs back 0.5 mm
-constexpr double kFallStep = 1e-3;          // [s]
-constexpr double kLongestFall = 1.0;        // [s]
-constexpr double kStillWay = 1e-6;          // [m]: of a brush at rest in 8 ms
-constexpr double kStillTurn = 1e-3;         // [rad]: from where it shall point
-constexpr double kTopSpeed = 4.0;           // [m/s]: of the brush; a hand reaches 3
-constexpr double kHoldSpeed = 1.0;          // [m/s]: after a pause the brush moves on no faster
+constexpr double kLift = 0.015;            // [s]: until the lift after a touch is highest
+constexpr double kBend = 0.05;             // [s]: in which a tuft forgets how far it was bent
+constexpr double kSwing = 0.01;            // [s]: what a tuft swings by over its speed
+constexpr double kSwingMemory = 0.1;       // [s]: how long it swings
+constexpr double kRise = 0.004;            // [s]: time constant of the way up
+constexpr double kFallAcceleration = 5.0;  // [m/s²]: by it a tuft hangs back 0.5 mm
+constexpr double kFallStep = 1e-3;         // [s]
+constexpr double kLongestFall = 1.0;       // [s]
+constexpr double kStillWay = 1e-6;         // [m]: of a brush at rest in 8 ms
+constexpr double kStillTurn = 1e-3;        // [rad]: from where it shall point
+constexpr double kTopSpeed = 4.0;          // [m/s]: of the brush; a hand reaches 3
+constexpr double kHoldSpeed = 1.0;         // [m/s]: after a pause the brush moves on no faster
 
 double wrapped(double angle) {
   return std::remainder(angle, 2.0 * kPi);
@@ -212,7 +212,8 @@ void PenMapping::follow(const PenSample& sample, const Vector2d& place, std::int
   const auto isFar = [&wanted](const auto& other) {
     return (other.shaft - wanted.shaft).norm() + std::abs(other.twist - wanted.twist) > kStillTurn;
   };
-  is_still_ = std::abs(wanted.level - posture_.level) <= kStillWay && !isFar(half_way_) && !isFar(posture_);
+  is_still_ =
+      std::abs(wanted.level - posture_.level) <= kStillWay && !isFar(half_way_) && !isFar(posture_);
   if (has_posed_) stamp_ns = afterWay(stamp_ns, wanted);
   posture_ = wanted;
   stamp_ns_ = stamp_ns;
