@@ -12,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include "calligraphy_brush/files/yaml_parameters.h"
 #include "calligraphy_brush/ros/tablet_driver.h"
 #include "calligraphy_brush/sim/simulator.h"
 #include "calligraphy_brush/tablet/evemu.h"
@@ -40,15 +41,20 @@ double median(std::vector<double> values) {
   return *middle;
 }
 
-/// Writes samples with the default brush; each stroke on a clean sheet with a full brush.
+/// Writes samples with the default brush, whose rods are by themselves; each stroke on a clean sheet
+/// with a full brush.
 class Writer {
  public:
   Writer(const TabletParameters& parameters, const TabletSize& size)
       : simulator_(simulatorParameters()),
         mapping_(parameters, size, measureBrush(simulatorParameters())) {}
+  /// CALLIGRAPHY_BRUSH: a preset instead, all its rods.
   static SimulatorParameters simulatorParameters() {
     SimulatorParameters p;
-    p.brush.rod_count = 64;  // half of the default, for the time of the test
+    if (const char* brush = std::getenv("CALLIGRAPHY_BRUSH"))
+      loadYamlParameters(findPreset("brushes", brush), p);
+    else
+      p.brush.rod_count = 64;  // half of the default, for the time of the test
     return p;
   }
 
@@ -101,7 +107,8 @@ class Writer {
       ++pose_count_;
       refused_count_ += simulator_.addPose(pose) != PoseVerdict::kAccepted;
       for (double before = simulator_.report().ink_in_tip;
-           simulator_.advanceTo(simulator_.time_ns() + kMs) > 0; before = simulator_.report().ink_in_tip) {
+           simulator_.advanceTo(simulator_.time_ns() + kMs) > 0;
+           before = simulator_.report().ink_in_tip) {
         const double given = before - simulator_.report().ink_in_tip;
         if (!in_air || !(given > 0.0) || simulator_.time_ns() - up_ns_ <= kLeaving_ns) continue;
         ink_in_air_ += given;
