@@ -86,13 +86,6 @@ struct Simulator::Implementation {
     paper.clear();
     if (picture) picture->clear();
   }
-  /// Height of the lowest node [m].
-  double lowest() const {
-    double height = std::numeric_limits<double>::infinity();
-    for (int rod = 0; rod < static_cast<int>(brush.rods.size()); ++rod)
-      height = std::min(height, tuft->rodOnPaper(rod).lowest);
-    return height;
-  }
   void liftAll() {
     for (int rod = 0; rod < static_cast<int>(brush.rods.size()); ++rod) ink.lift(rod);
   }
@@ -281,9 +274,7 @@ PoseVerdict Simulator::addPose(const HandlePose& pose) {
     s.handle = s.track.oldest();
     s.time_ns = s.handle.stamp_ns;
     s.drawn = s.handle;
-    const Eigen::Isometry3d X_PH = toIsometry(s.handle);
-    // A tuft keeps its shape, unless that would be below the sheet here.
-    if (!after_gap || !s.tuft->carry(X_PH) || s.lowest() < 0.0) s.tuft->place(X_PH);
+    s.tuft->place(toIsometry(s.handle));
     s.liftAll();
   }
   return verdict;
