@@ -265,11 +265,11 @@ TEST_F(Tools, ReplayAtTwiceTheResolutionShowsTheSameStroke) {
                "    - {x: 0.036, y: 0.025, depth: 0.014, tilt: 0.35, azimuth: 0.0}\n"
                "    - {x: 0.095, y: 0.025, depth: 0.014, tilt: 0.35, azimuth: 0.0}\n"
                "    - {x: 0.098, y: 0.025, depth: 0.000, tilt: 0.35, azimuth: 0.0}\n");
-  ASSERT_EQ(run("stroke_writer", "s.yaml --quiet --brush full --bag s.bag").exit_code, 0);
+  ASSERT_EQ(run("stroke_writer", "s.yaml --quiet --bag s.bag").exit_code, 0);
   for (const char* px_per_mm : {"8", "16"})
     ASSERT_EQ(
         run("stroke_replay", "s.bag " + std::string(px_per_mm) +
-                                 ".png --quiet --brush full --paper ./p.yaml --px-per-mm " + px_per_mm)
+                                 ".png --quiet --brush medium --paper ./p.yaml --px-per-mm " + px_per_mm)
             .exit_code,
         0);
   const GreyPicture coarse = readPng(folder.path("8.png")), fine = readPng(folder.path("16.png"));

@@ -23,16 +23,12 @@ constexpr double kSlipSpeed = 1e-3;
 /// most for so long [s]. One that comes up from where it was not listed is noticed when it overlaps, and
 /// pushed off: where rods anywhere move relative to each other (kApartMargins) it is looked for them
 /// once in the shortest time. Where next to nothing moves nobody looks, and rods come to rest.
-constexpr double kLeastMargins = 0.02, kSearchMargins = 3.0;
-constexpr double kShortestSearch = 8e-3, kLongestSearch = 16e-3;
+constexpr double kLeastMargins = 0.02, kSearchMargins = 2.0;
+constexpr double kShortestSearch = 4e-3, kLongestSearch = 16e-3;
 /// Time for which a rod is believed to go on with what it does by itself [s]. Believed for too long,
 /// small shocks of pairs that come and go add up; the shorter, the more rounds until rods know what
 /// their neighbours do.
 constexpr double kRelativeTime = 10e-3, kLeastRelative = 0.3;
-/// What pairs pull is looked at once in so many steps; in between it stays what it was, about what is
-/// then believed (as in the multiple time steps of Tuckerman, Berne & Martyna 1992). Rods that come
-/// near each other, or pass, are looked at at once.
-constexpr int kPullSteps = 2;
 /// How groups of rods are tied hardly changes from step to step: it is summed up again after so many,
 /// and after a search.
 constexpr int kTieSteps = 4;
@@ -492,7 +488,6 @@ class TuftOf : public Tuft {
       for (auto* field : {&bundle.turns, &bundle.anchors})
         std::fill(field->begin(), field->end(), Real(0));
     }
-    since_pull_ = kPullSteps;
     since_ties_ = kTieSteps;
     for (CommonLevel<Real>& level : common_.levels) {
       level.tie_count = 0;
@@ -538,11 +533,7 @@ class TuftOf : public Tuft {
     for (int round = 1;; ++round) {
       report.coupling_rounds = round;
       moveTogether();
-      if (round > 1 || searches || crosses || ++since_pull_ >= kPullSteps) {
-        since_ties_ += since_pull_;
-        since_pull_ = 0;
-        pull(round == 1 && (searches || since_ties_ >= kTieSteps));
-      }
+      pull(round == 1 && (searches || ++since_ties_ >= kTieSteps));
       pool_.run(static_cast<int>(batches_.size()), solve_);
       report.coupling_error = 0.0;
       for (std::size_t i = 0; i < batches_.size(); ++i)
@@ -863,8 +854,7 @@ class TuftOf : public Tuft {
   std::unique_ptr<BundleContact<Real>> bundles_;  // null: the rods do not feel each other
   bool has_history_ = false;
   CommonMotionState<Real> common_;
-  int since_pull_ = 0;               // steps since it was looked at what pairs pull
-  int since_ties_ = 0;               // and since groups were tied, up to then
+  int since_ties_ = 0;               // steps since groups were tied
   double since_search_ = 0.0;        // time [s]
   double moved_apart_ = 0.0;         // rods anywhere, since the search [m]
   double moved_since_search_ = 0.0;  // neighbours, relative to each other [m]
