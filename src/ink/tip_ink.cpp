@@ -163,18 +163,19 @@ void TipInk::transferAtNode(int rod_index, int node, const std::vector<Eigen::Ve
     return Place{down.now + s * (up.now - down.now), down.before + s * (up.before - down.before),
                  down.radius + s * (up.radius - down.radius)};
   };
-  bool free_a = i == 0, free_b = i + 1 == nodes.size();
+  bool cut_a = false, cut_b = false;
   if (isUp(a) && isUp(b)) {
     if (isUp(own)) return;
     a = cut(own, a);
     b = cut(own, b);
-    free_a = free_b = true;
+    cut_a = i > 0;
+    cut_b = i + 1 < nodes.size();
   } else if (isUp(a)) {
     a = cut(b, a);
-    free_a = true;
+    cut_a = i > 0;
   } else if (isUp(b)) {
     b = cut(a, b);
-    free_b = true;
+    cut_b = i + 1 < nodes.size();
   }
 
   TouchingPiece piece;
@@ -184,18 +185,17 @@ void TipInk::transferAtNode(int rod_index, int node, const std::vector<Eigen::Ve
   along = along.norm() > 1e-9 ? Eigen::Vector2d(along.normalized()) : Eigen::Vector2d(1.0, 0.0);
   piece.along_x = along.x();
   piece.along_y = along.y();
-  const auto makeEnd = [&](const Place& place, bool is_free, bool is_cut) {
+  const auto makeEnd = [&](const Place& place, bool is_cut) {
     const Eigen::Vector2d middle = 0.5 * (place.now + place.before).head<2>();
     const Eigen::Vector2d way = 0.5 * (place.now - place.before).head<2>();
     // Where the bundle leaves the sheet the chord ends in a point; half of what its ellipse is on
     // average keeps its area.
     const double half = is_cut ? 0.5 * chord(own.radius, std::min(heightOf(own), 0.5 * own.radius))
                                : chord(place.radius, heightOf(place));
-    return TouchingPiece::End{middle.x(), middle.y(), way.x(),
-                              way.y(),    half,       is_free ? std::abs(way.dot(along)) : 0.0};
+    return TouchingPiece::End{middle.x(), middle.y(), way.x(), way.y(), half};
   };
-  piece.a = makeEnd(a, free_a, free_a && i > 0);
-  piece.b = makeEnd(b, free_b, free_b && i + 1 < nodes.size());
+  piece.a = makeEnd(a, cut_a);
+  piece.b = makeEnd(b, cut_b);
   piece.duration = 1e-9 * static_cast<double>(now_ns_ - rod.since_ns);
 
   const double area = 2.0 * own.radius * rod.edge_length;

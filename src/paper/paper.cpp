@@ -240,8 +240,7 @@ InkExchange Paper::exchange(const TouchingPiece& piece) {
   const TouchingPiece::End &a = piece.a, &b = piece.b;
   // All that the piece swept lies this far around its ends.
   const auto reachOf = [this](const TouchingPiece::End& end) {
-    return std::max(end.half_width, end.beyond) +
-           std::sqrt(end.way_x * end.way_x + end.way_y * end.way_y) + pixel_size_;
+    return end.half_width + std::sqrt(end.way_x * end.way_x + end.way_y * end.way_y) + pixel_size_;
   };
   const double reach_a = reachOf(a), reach_b = reachOf(b);
   if (!(reach_a < 1.0 && reach_b < 1.0 && std::isfinite(a.x + a.y + b.x + b.y))) return sum;
@@ -300,11 +299,34 @@ void Paper::findWishes(const TouchingPiece& piece, Tile& tile, int first_column,
   const double ex = piece.along_x, ey = piece.along_y;
   const double length =
       ((piece.b.x - piece.a.x) * piece.along_x + (piece.b.y - piece.a.y) * piece.along_y) * scale;
-  // Half of what each end swept sideways, and along at the ends of what touches.
-  const double side_a = std::abs(piece.a.way_y * ex - piece.a.way_x * ey) * scale;
-  const double side_b = std::abs(piece.b.way_y * ex - piece.b.way_x * ey) * scale;
-  const double from = -piece.a.beyond * scale, to = length + piece.b.beyond * scale;
+  // Half of what each end swept sideways, and along.
+  const auto sidewaysOf = [&](const TouchingPiece::End& end) {
+    return (end.way_y * ex - end.way_x * ey) * scale;
+  };
+  const auto alongOf = [&](const TouchingPiece::End& end) {
+    return (end.way_x * ex + end.way_y * ey) * scale;
+  };
+  const double swept_a = sidewaysOf(piece.a), swept_b = sidewaysOf(piece.b);
+  const double along_a = alongOf(piece.a), along_b = alongOf(piece.b);
+  const double side_a = std::abs(swept_a), side_b = std::abs(swept_b);
+  // What it swept in succession leaves no seam.
+  const auto endOf = [](double swept_along) {
+    return std::abs(swept_along) + std::min(0.5, std::abs(swept_along));
+  };
+  const double from = -endOf(along_a), to = length + endOf(along_b);
   const double half_a = piece.a.half_width * scale, half_b = piece.b.half_width * scale;
+
+  // A convex piece that sweeps in a straight line stays between the two lines along it that touch it,
+  // too: places with left ≤ cross · across − slope · along ≤ right.
+  const double sideways = 0.5 * (swept_a + swept_b), forwards = 0.5 * (along_a + along_b);
+  const double swept = std::hypot(sideways, forwards);
+  const double cross = swept > 0.0 ? forwards / swept : 0.0,
+               slope = swept > 0.0 ? sideways / swept : 0.0;
+  const double turned = 0.5 * std::abs(cross * (swept_b - swept_a) - slope * (along_b - along_a));
+  const double end_a = std::abs(cross) * half_a, end_b = std::abs(cross) * half_b;
+  const double at_b = -slope * length;  // of the end b, that of the end a being 0
+  const double most_left = swept > 0.0 ? std::min(-end_a, at_b - end_b) - turned : -1e6;
+  const double most_right = swept > 0.0 ? std::max(end_a, at_b + end_b) + turned : 1e6;
 
   // A place that a chord of half width w sweeps by ±s is touched for w / (w + s) of the time.
   const double half = 0.5 * (half_a + half_b), side = 0.5 * (side_a + side_b);
@@ -324,6 +346,10 @@ void Paper::findWishes(const TouchingPiece& piece, Tile& tile, int first_column,
   const auto inverse_length = static_cast<float>(1.0 / std::max(length, 1e-6));
   const auto f_half_a = static_cast<float>(half_a), f_half_ab = static_cast<float>(half_b - half_a);
   const auto f_side_a = static_cast<float>(side_a), f_side_ab = static_cast<float>(side_b - side_a);
+  // A place is swept by the widest that passes it.
+  const auto f_widening = static_cast<float>(std::copysign(forwards, half_b - half_a));
+  const auto f_cross = static_cast<float>(cross), f_slope = static_cast<float>(slope);
+  const auto f_left = static_cast<float>(most_left), f_right = static_cast<float>(most_right);
   const float widest = static_cast<float>(std::max(half_a + side_a, half_b + side_b)) + 0.5F;
   constexpr float kLastHair = TouchingPiece::kUnderside - 1.001F;
 
@@ -352,11 +378,14 @@ void Paper::findWishes(const TouchingPiece& piece, Tile& tile, int first_column,
       const auto dx = static_cast<float>(column) - fax;
       const float along = dx * fex + dy * fey;
       const float across = dy * fex - dx * fey;
-      const float t = clamp01(along * inverse_length);
+      const float between = f_cross * across - f_slope * along;
+      const float t = clamp01((along + f_widening) * inverse_length);
       const float chord = f_half_a + t * f_half_ab, way = f_side_a + t * f_side_ab;
       const float breadth = chord + way, distance = std::abs(across);
-      const float covered = (std::min(distance + 0.5F, breadth) - std::max(distance - 0.5F, -breadth)) *
-                            clamp01(0.5F + std::min(along - f_from, f_to - along));
+      const float covered =
+          (std::min(distance + 0.5F, breadth) - std::max(distance - 0.5F, -breadth)) *
+          clamp01(0.5F + std::min(along - f_from, f_to - along)) *
+          clamp01(std::min(between + 0.5F, f_right) - std::max(between - 0.5F, f_left));
       if (!(covered > 0.0F)) continue;
       // Which hair: across the chord, seen from its own middle.
       const float inner = std::max(0.0F, distance - way) / std::max(chord, 1e-3F);

@@ -15,18 +15,21 @@ constexpr std::int64_t kMillisecond_ns = 1'000'000;
 constexpr std::int64_t kLeastInterval_ns = kMillisecond_ns;
 constexpr std::int64_t kPause_ns = 50 * kMillisecond_ns;  // tablets report every 2 to 16 ms
 constexpr std::int64_t kHold_ns = 8 * kMillisecond_ns;    // a usual interval
+constexpr std::int64_t kLeavingStep_ns = 4 * kMillisecond_ns;
 constexpr std::int64_t kLongestRest_ns = 1000 * kMillisecond_ns;
 constexpr std::int64_t kClockStep_ns = 1000 * kMillisecond_ns;
 constexpr double kLift = 0.015;            // [s]: until the lift after a touch is highest
 constexpr double kBend = 0.05;             // [s]: in which a tuft forgets how far it was bent
 constexpr double kSwing = 0.01;            // [s]: what a tuft swings by over its speed
 constexpr double kSwingMemory = 0.1;       // [s]: how long it swings
-constexpr double kRise = 0.004;            // [s]: time constant of the way up
+constexpr double kRise = 0.004;            // [s]: time constant of the end of the way up
+constexpr double kRiseAcceleration = 150.0;  // [m/s²]: the ink of a wet tuft holds it together at it
 constexpr double kFallAcceleration = 5.0;  // [m/s²]: by it a tuft hangs back 0.5 mm
 constexpr double kFallStep = 1e-3;         // [s]
 constexpr double kLongestFall = 1.0;       // [s]
 constexpr double kStillWay = 1e-6;         // [m]: of a brush at rest in 8 ms
 constexpr double kStillTurn = 1e-3;        // [rad]: from where it shall point
+constexpr double kThere = 1e-4;            // [m]: of a brush that is lifted from where it shall be
 constexpr double kTopSpeed = 4.0;          // [m/s]: of the brush; a hand reaches 3
 constexpr double kHoldSpeed = 1.0;         // [m/s]: after a pause the brush moves on no faster
 
@@ -108,6 +111,7 @@ double PenMapping::levelAfter(double seconds, double target) {
   const double time = std::min(seconds, kLongestFall);
   const int count = std::max(1, static_cast<int>(std::ceil(time / kFallStep)));
   double level = posture_.level;
+  if (level < target) rise_ = 0.0;
   for (int k = 0; k < count && level < target; ++k) {
     const double into = p.press_speed + std::max(0.0, -level) / p.settle;
     fall_ = std::min({fall_ + kFallAcceleration * time / count, into, (target - level) / p.settle});
@@ -116,7 +120,14 @@ double PenMapping::levelAfter(double seconds, double target) {
   if (level < target) return level;
   fall_ = 0.0;
   if (!has_posed_) return target;
-  return target + (level - target) * std::exp(-std::max(0.0, seconds) / kRise);
+  for (int k = 0; k < count; ++k) {
+    // As fast as it can brake, at last with the time constant.
+    const double way = level - target, slow = kRiseAcceleration * kRise * kRise;
+    const double most = way < slow ? way / kRise : std::sqrt(kRiseAcceleration * (2.0 * way - slow));
+    rise_ = std::min(rise_ + kRiseAcceleration * time / count, most);
+    level -= rise_ * time / count;
+  }
+  return level;
 }
 
 Vector3d PenMapping::wantedShaft(const PenSample& sample) const {
@@ -295,17 +306,19 @@ PenActions PenMapping::leave(std::int64_t stamp_ns) {
   if (is_away_) return actions;
   const std::int64_t leaving_ns = nextStamp(stamp_ns);
   hold(leaving_ns, 0.0, actions);
-  Posture wanted = posture_;
   // Where it stays, so that its tuft comes to rest in the air.
   const double since = 1e-9 * static_cast<double>(std::max(std::int64_t{0}, leaving_ns - touch_ns_));
   const double bend = parameters_.pressure.lift * bend_ * std::exp(-since / kBend);
-  wanted.level = std::min(posture_.level, -parameters_.pressure.clearance - bend);
-  fall_ = 0.0;
-  stamp_ns_ = afterWay(leaving_ns, wanted);
-  posture_ = wanted;
+  const double target = std::min(posture_.level, -parameters_.pressure.clearance - bend);
+  stamp_ns_ = leaving_ns;
+  for (;; stamp_ns_ += kLeavingStep_ns) {
+    const double level = levelAfter(1e-9 * static_cast<double>(kLeavingStep_ns), target);
+    posture_.level = level - target > kThere ? level : target;
+    actions.poses.push_back(poseOf(posture_, stamp_ns_));
+    if (posture_.level == target) break;
+  }
   is_away_ = true;
   is_still_ = false;
-  actions.poses.push_back(poseOf(posture_, stamp_ns_));
   return actions;
 }
 

@@ -98,12 +98,74 @@ TEST(Paper, IgnoresWhatIsOffTheSheetOrNotANumber) {
   EXPECT_THROW(paper.setInk(0, 120, 0.0, 0.0), std::invalid_argument);
   EXPECT_THROW(paper.setInk(0, 0, std::nan(""), 0.0), std::invalid_argument);
   const float hairs[TouchingPiece::kUnderside] = {};
-  TouchingPiece piece{
-      {-1, 0, 0, 0, 1e-3, 0}, {-1, 0.01, 0, 0, 1e-3, 0}, 0, 1, 1, -1, 1e-5, 1, 1, 1, 1, hairs};
+  TouchingPiece piece{{-1, 0, 0, 0, 1e-3}, {-1, 0.01, 0, 0, 1e-3}, 0, 1, 1, -1, 1e-5, 1, 1, 1, 1, hairs};
   EXPECT_EQ(paper.exchange(piece).volume, 0.0);
   piece.a.x = std::nan("");
   EXPECT_EQ(paper.exchange(piece).volume, 0.0);
   EXPECT_EQ(paper.inkVolume(), 0.0);
+}
+
+TEST(Paper, PieceMarksAllThatItSweptAndNothingElse) {
+  // A needle that moves by one vector sweeps the hexagon around it, in one drawing or in many.
+  PaperParameters parameters = plainSheet();
+  parameters.roughness = 0.0;
+  const float hairs[TouchingPiece::kUnderside] = {};
+  constexpr double length = 0.004, half_width = 0.0008, middle_x = kMiddleX, middle_y = kMiddleY;
+  for (const double heading : {0.0, 0.4, 1.2, 2.5})
+    for (const double turn : {0.0, 0.6, 1.57}) {
+      const Eigen::Vector2d along(std::cos(turn), std::sin(turn)), across(-along.y(), along.x());
+      const Eigen::Vector2d way = 0.005 * (std::cos(heading) * along + std::sin(heading) * across);
+      const auto sweep = [&](int parts) {
+        Paper paper(parameters);
+        for (int part = 0; part < parts; ++part) {
+          const Eigen::Vector2d middle =
+              Eigen::Vector2d(middle_x, middle_y) + ((part + 0.5) / parts - 0.5) * way;
+          const Eigen::Vector2d a = middle - 0.5 * length * along, b = middle + 0.5 * length * along;
+          const Eigen::Vector2d half = 0.5 / parts * way;
+          paper.beginContact();
+          paper.exchange({{a.x(), a.y(), half.x(), half.y(), half_width},
+                          {b.x(), b.y(), half.x(), half.y(), half_width},
+                          along.x(),
+                          along.y(),
+                          0.008,
+                          -1e-3,
+                          1e-5,
+                          1.0,
+                          1.0,
+                          1.0,
+                          1.0,
+                          hairs});
+        }
+        return paper;
+      };
+      const Paper once = sweep(1), often = sweep(20);
+      int inside = 0;
+      for (int row = 0; row < once.height_px(); ++row)
+        for (int column = 0; column < once.width_px(); ++column) {
+          const Eigen::Vector2d place = once.pixelSize() * Eigen::Vector2d(column + 0.5, row + 0.5) -
+                                        Eigen::Vector2d(middle_x, middle_y);
+          // Least distance of the place from the needle on its way, 0 within.
+          double distance = 1.0, depth = -1.0;
+          for (int k = 0; k <= 400; ++k) {
+            const Eigen::Vector2d d = place - (k / 400.0 - 0.5) * way;
+            const double beyond = std::abs(d.dot(along)) - 0.5 * length,
+                         beside = std::abs(d.dot(across)) - half_width;
+            distance = std::min(distance, std::hypot(std::max(0.0, beyond), std::max(0.0, beside)));
+            depth = std::max(depth, -std::max(beyond, beside));
+          }
+          for (const Paper* paper : {&once, &often}) {
+            // The corners of what is drawn in parts stand out by a pixel or two.
+            if (distance > (paper == &once ? 1.5 : 2.0) * once.pixelSize()) {
+              EXPECT_EQ(paper->ink(column, row), 0.0F) << heading << " " << turn;
+            }
+            if (depth > once.pixelSize()) {
+              EXPECT_GT(paper->ink(column, row), 0.9e-5F) << heading << " " << turn;
+            }
+          }
+          inside += depth > once.pixelSize();
+        }
+      EXPECT_GT(inside, 50);
+    }
 }
 
 TEST(Paper, DarkensByKubelkaAndMunk) {

@@ -15,7 +15,6 @@ struct TouchingPiece {
     double x, y;          ///< middle of its way, in the paper frame [m]
     double way_x, way_y;  ///< half of its way [m]
     double half_width;    ///< of the chord that is close enough to touch [m]
-    double beyond;        ///< how much further the end reached along the piece [m]
   };
   End a, b;
   double along_x, along_y;  ///< unit, from a to b; anyhow where they are at one place

@@ -131,6 +131,7 @@ class PenMapping {
   std::array<bool, 3> buttons_{};    // stylus, stylus2, stylus3
   bool eraser_touched_ = false;
   double fall_ = 0.0;          // speed at which the brush goes down [m/s]
+  double rise_ = 0.0;          // and up
   double swing_ = 0.0;         // height for the swing of a tuft that is carried fast [m]
   double bend_ = 0.0;          // depth of the last touch, fading from report to report [m]
   std::int64_t touch_ns_ = 0;  // when it was
