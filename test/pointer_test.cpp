@@ -246,7 +246,7 @@ TEST(Pointer, AWindowThatHangsLiftsTheBrush) {
   hand.wait(400 * kMs);
   const auto late = hand.mouse.advanceTo(hand.now_ns + 2000 * kMs);
   ASSERT_FALSE(late.empty());
-  EXPECT_LE(late.size(), 3U);
+  EXPECT_LE(late.size(), 25U);  // a way up of 0.1 s at most
   EXPECT_GE(height(late.back()), TabletPressureParameters().clearance - 1e-12);
   // And a clock that is set back.
   hand.now_ns -= 5000 * kMs;

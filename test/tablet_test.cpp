@@ -345,6 +345,13 @@ TabletSize tabletSize() {
   return {0.2, 0.1, true};
 }
 
+/// Without tilt the brush is held upright, so that levels are heights.
+TabletParameters upright() {
+  TabletParameters p;
+  p.grip.tilt = 0.0;
+  return p;
+}
+
 PenSample makeSample(double x, double y, double pressure, std::int64_t stamp_ns) {
   PenSample sample;
   sample.stamp_ns = stamp_ns;
@@ -478,7 +485,7 @@ TEST(Mapping, BarrelTurnsTheBrushAsItTurnsThePen) {
   for (const std::string rotation : {"0", "90", "180", "270"})
     for (int k = 0; k < 8; ++k) {
       const double turn = std::stod(rotation) * kPi / 180.0, heading = 2 * kPi * k / 8;
-      TabletParameters p;
+      TabletParameters p = upright();
       p.area.rotation = rotation;
       PenMapping mapping(p, tabletSize(), {});
       PenSample sample = makeSample(0.05, 0.03, 0.4, 1'000'000'000);
@@ -521,7 +528,7 @@ TEST(Mapping, LeanIsLimitedAndScaledInItsOwnDirection) {
 }
 
 TEST(Mapping, EachReportIsOnePoseAtItsStamp) {
-  PenMapping mapping({}, tabletSize(), {});
+  PenMapping mapping(upright(), tabletSize(), {});
   for (int k = 0; k < 100; ++k) {
     const std::int64_t stamp_ns = 1'600'000'000'123'456'000 + 8 * kMs * k;
     const auto poses =
@@ -534,7 +541,7 @@ TEST(Mapping, EachReportIsOnePoseAtItsStamp) {
 }
 
 TEST(Mapping, PenThatArrivesTouchingDoesNotWriteThroughTheAir) {
-  PenMapping mapping({}, tabletSize(), {});
+  PenMapping mapping(upright(), tabletSize(), {});
   auto first = mapping.take(makeSample(0.1, 0.05, 0.5, 1'000'000'000)).poses;
   ASSERT_EQ(first.size(), 1U);
   EXPECT_GT(first[0].position.z(), 0.045);
@@ -547,7 +554,7 @@ TEST(Mapping, PenThatArrivesTouchingDoesNotWriteThroughTheAir) {
 
 /// Levels of an upright brush that a pen puts down at t = 0 [s], read every `interval`.
 std::vector<double> levelsOfATouch(double pressure, std::int64_t interval_ns, double seconds) {
-  PenMapping mapping({}, tabletSize(), {});
+  PenMapping mapping(upright(), tabletSize(), {});
   std::vector<double> levels;
   for (std::int64_t t = -400 * kMs; t <= std::llround(1e9 * seconds); t += interval_ns) {
     const auto poses =
@@ -574,7 +581,7 @@ TEST(Mapping, SetsTheBrushDownWithoutThrowingIt) {
     }
     EXPECT_LT(fastest, p.press_speed + p.clearance / p.settle);
     // But soon: at the sheet, and at half of its depth.
-    const PenMapping mapping({}, tabletSize(), {});
+    const PenMapping mapping(upright(), tabletSize(), {});
     const double depth = mapping.pressedLevel(pressure);
     const auto when = [&levels](double level) {
       return std::find_if(levels.begin(), levels.end(), [level](double l) { return l >= level; }) -
@@ -602,7 +609,7 @@ TEST(Mapping, ComesDownAlikeHoweverOftenThePenReports) {
 }
 
 TEST(Mapping, LeavingLiftsTheBrushWhereItWas) {
-  PenMapping mapping({}, tabletSize(), {});
+  PenMapping mapping(upright(), tabletSize(), {});
   mapping.take(makeSample(0.1, 0.05, 0.5, 1'000'000'000));
   const HandlePose down = mapping.take(makeSample(0.1, 0.05, 0.5, 1'008'000'000)).poses.at(0);
   const auto up = mapping.leave(1'016'000'000).poses;
@@ -615,8 +622,38 @@ TEST(Mapping, LeavingLiftsTheBrushWhereItWas) {
   EXPECT_TRUE(mapping.take(none).poses.empty());
 }
 
+TEST(Mapping, LiftsTheBrushNoFasterThanAWetTuftBears) {
+  const auto touch = [](PenMapping& mapping) {
+    for (int k = 0; k <= 400; ++k)
+      mapping.take(makeSample(0.1, 0.05, k == 0 ? 0.0 : 0.8, 1'000'000'000 + k * kMs));
+    return mapping.take(makeSample(0.1, 0.05, 0.8, 1'401'000'000)).poses.back();
+  };
+  PenMapping left(upright(), tabletSize(), {}), raised(upright(), tabletSize(), {});
+  std::vector<HandlePose> leaving{touch(left)}, rising{touch(raised)};
+  for (const HandlePose& pose : left.leave(1'402'000'000).poses) leaving.push_back(pose);
+  for (int k = 2; k < 40; ++k)
+    for (const HandlePose& pose : raised.take(makeSample(0.1, 0.05, 0.0, 1'400'000'000 + k * kMs)).poses)
+      rising.push_back(pose);
+  for (const auto* poses : {&leaving, &rising}) {
+    double speed = 0.0, fastest = 0.0;
+    for (std::size_t k = 1; k < poses->size(); ++k) {
+      const HandlePose &from = (*poses)[k - 1], &to = (*poses)[k];
+      const double seconds = 1e-9 * double(to.stamp_ns - from.stamp_ns);
+      const double now = (to.position.z() - from.position.z()) / seconds;
+      // The first of those that leave is due 1 ms after the last report.
+      const double most = 100.0 * std::max(seconds, 4e-3);
+      EXPECT_LE(std::abs(now - speed), most + 1e-9) << k;
+      speed = now;
+      fastest = std::max(fastest, now);
+    }
+    EXPECT_GT(fastest, 0.5);
+    EXPECT_GT(poses->back().position.z(), 0.045 + TabletPressureParameters().clearance - 1e-9);
+  }
+  EXPECT_LT(leaving.back().stamp_ns, 1'460'000'000);
+}
+
 TEST(Mapping, PauseIsHeldUntilThePenMovesOn) {
-  PenMapping mapping({}, tabletSize(), {});
+  PenMapping mapping(upright(), tabletSize(), {});
   mapping.take(makeSample(0.1, 0.05, 0.0, 1'000'000'000));
   const HandlePose before = mapping.take(makeSample(0.1, 0.05, 0.0, 1'008'000'000)).poses.at(0);
   const auto poses = mapping.take(makeSample(0.101, 0.05, 0.5, 2'000'000'000)).poses;
@@ -632,7 +669,7 @@ TEST(Mapping, PenThatRestsOnTheTabletPressesTheBrushToItsDepth) {
     mapping.take(makeSample(0.1, 0.05, 0.0, 1'000'000'000));
     mapping.take(makeSample(0.1, 0.05, 0.5, 1'008'000'000));
   };
-  PenMapping mapping({}, tabletSize(), {}), live({}, tabletSize(), {});
+  PenMapping mapping(upright(), tabletSize(), {}), live(upright(), tabletSize(), {});
   begin(mapping);
   auto poses = mapping.take(makeSample(0.1, 0.05, 0.5, 2'000'000'000)).poses;
   ASSERT_GT(poses.size(), 10U);
@@ -663,7 +700,7 @@ TEST(Mapping, PenThatRestsOnTheTabletPressesTheBrushToItsDepth) {
 }
 
 TEST(Mapping, TuftOfAPenThatHasLeftStraightens) {
-  PenMapping mapping({}, tabletSize(), {});
+  PenMapping mapping(upright(), tabletSize(), {});
   mapping.take(makeSample(0.1, 0.05, 0.5, 1'000'000'000));
   const HandlePose up = mapping.leave(1'008'000'000).poses.at(0);
   EXPECT_TRUE(mapping.rest(1'040'000'000).poses.empty());
@@ -675,7 +712,7 @@ TEST(Mapping, TuftOfAPenThatHasLeftStraightens) {
 }
 
 TEST(Mapping, StampsRiseByAMillisecondAndSurviveAClockSetBack) {
-  PenMapping mapping({}, tabletSize(), {});
+  PenMapping mapping(upright(), tabletSize(), {});
   std::int64_t last_ns = 0;
   std::int64_t now_ns = 100'000'000'000;
   for (int k = 0; k < 200; ++k) {

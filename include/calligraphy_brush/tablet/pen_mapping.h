@@ -48,9 +48,11 @@ struct PenActions {
 /// So it is continuous: q → 0 and distance → contact meet at −clearance, and a tablet without distance
 /// stays there. `contact` is what the tablet reported in the last touch.
 ///
-/// That is the target l*. Up the level l goes to it with a time constant of 4 ms: a tuft that is jerked
-/// up is flung about. One that is thrown down hangs back, swings through, hits the sheet splayed and
-/// leaves it again; so down it goes at a speed v ≥ 0 that grows by 5 m/s² at most, with
+/// That is the target l*. Up the level l goes to it at 100 m/s² at most, also when it brakes, and ends
+/// with a time constant of 4 ms: a tuft that is jerked up, or stopped, is flung apart by its inertia, and
+/// rods that ink holds hang in knots for long after. One that is thrown down hangs back, swings through,
+/// hits the sheet splayed and leaves it again; so down it goes at a speed v ≥ 0 that grows by 5 m/s² at
+/// most, with
 ///   v ≤ (l* − l) / settle,   v ≤ press_speed + max(0, −l) / settle:
 /// it is slowed on the way to the sheet and to its depth, and in the sheet never faster than
 /// press_speed. From the clearance to the sheet that takes about 55 ms; the place is not delayed.
@@ -60,12 +62,12 @@ struct PenActions {
 /// it swings by when it is carried, 10 ms of the speed of the place, low-passed.
 ///
 /// The eraser never writes; nor does the first report of a pen that arrives touching: it would draw a
-/// line through the air. A pen that leaves is lifted from where it was, at the x = 1 of its touch. In a
-/// pause of more than 50 ms, which a tablet makes that has nothing new to say, the brush goes on to
-/// where the last report sent it, by a pose every 8 ms until it is there, and stays to the end of the
-/// pause; that of a pen that has left gets one more pose, after 50 ms in which its tuft straightens.
-/// Poses are at least 1 ms apart: reports that the kernel got at once would be a jump. A clock set back
-/// by more than a second goes on from where it was.
+/// line through the air. A pen that leaves is lifted from where it was, at the x = 1 of its touch, by a
+/// pose every 4 ms until it is up. In a pause of more than 50 ms, which a tablet makes that has nothing
+/// new to say, the brush goes on to where the last report sent it, by a pose every 8 ms until it is
+/// there, and stays to the end of the pause; that of a pen that has left gets one more pose, after 50 ms
+/// in which its tuft straightens. Poses are at least 1 ms apart: reports that the kernel got at once
+/// would be a jump. A clock set back by more than a second goes on from where it was.
 class PenMapping {
  public:
   /// Throws ParameterError: parameters out of range, an area without extent, true size of a tablet whose

@@ -64,7 +64,7 @@ struct TabletPressureParameters {
   double press_speed = 0.06;
   double settle = 0.025;
   double clearance = 0.005;
-  double lift = 2.0;
+  double lift = 1.5;
   double hover_height = 0.015;
   double contact_distance = 0.25;
 
@@ -118,13 +118,14 @@ struct TabletTiltParameters {
 
 /// How the handle is held where the pen does not say.
 struct TabletGripParameters {
-  double tilt = 0.0;
+  double tilt = 0.3;
   double azimuth = -0.8;
   double twist = 0.0;
 
   template <class Self, class Visit>
   static void describe(Self& self, Visit& visit) {
-    visit("tilt", self.tilt, Range{0.0, 1.3}, "rad", "Lean of the shaft when the pen reports no tilt.");
+    visit("tilt", self.tilt, Range{0.0, 1.3}, "rad",
+          "Lean of the shaft when the pen reports no tilt; an upright tuft splays.");
     visit("azimuth", self.azimuth, Range{-6.2832, 6.2832}, "rad",
           "Where its upper end then leans to, from the sheet's x axis, counterclockwise.");
     visit("twist", self.twist, Range{-6.2832, 6.2832}, "rad",
