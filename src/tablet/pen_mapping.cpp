@@ -18,20 +18,20 @@ constexpr std::int64_t kHold_ns = 8 * kMillisecond_ns;    // a usual interval
 constexpr std::int64_t kLeavingStep_ns = 4 * kMillisecond_ns;
 constexpr std::int64_t kLongestRest_ns = 1000 * kMillisecond_ns;
 constexpr std::int64_t kClockStep_ns = 1000 * kMillisecond_ns;
-constexpr double kLift = 0.015;            // [s]: until the lift after a touch is highest
-constexpr double kBend = 0.05;             // [s]: in which a tuft forgets how far it was bent
-constexpr double kSwing = 0.01;            // [s]: what a tuft swings by over its speed
-constexpr double kSwingMemory = 0.1;       // [s]: how long it swings
-constexpr double kRise = 0.004;            // [s]: time constant of the end of the way up
+constexpr double kLift = 0.015;              // [s]: until the lift after a touch is highest
+constexpr double kBend = 0.05;               // [s]: in which a tuft forgets how far it was bent
+constexpr double kSwing = 0.01;              // [s]: what a tuft swings by over its speed
+constexpr double kSwingMemory = 0.1;         // [s]: how long it swings
+constexpr double kRise = 0.004;              // [s]: time constant of the end of the way up
 constexpr double kRiseAcceleration = 100.0;  // [m/s²]: the ink of a wet tuft holds it together at it
-constexpr double kFallAcceleration = 5.0;  // [m/s²]: by it a tuft hangs back 0.5 mm
-constexpr double kFallStep = 1e-3;         // [s]
-constexpr double kLongestFall = 1.0;       // [s]
-constexpr double kStillWay = 1e-6;         // [m]: of a brush at rest in 8 ms
-constexpr double kStillTurn = 1e-3;        // [rad]: from where it shall point
-constexpr double kThere = 1e-4;            // [m]: of a brush that is lifted from where it shall be
-constexpr double kTopSpeed = 4.0;          // [m/s]: of the brush; a hand reaches 3
-constexpr double kHoldSpeed = 1.0;         // [m/s]: after a pause the brush moves on no faster
+constexpr double kFallAcceleration = 5.0;    // [m/s²]: by it a tuft hangs back 0.5 mm
+constexpr double kFallStep = 1e-3;           // [s]
+constexpr double kLongestFall = 1.0;         // [s]
+constexpr double kStillWay = 1e-6;           // [m]: of a brush at rest in 8 ms
+constexpr double kStillTurn = 1e-3;          // [rad]: from where it shall point
+constexpr double kThere = 1e-4;              // [m]: of a brush that is lifted from where it shall be
+constexpr double kTopSpeed = 4.0;            // [m/s]: of the brush; a hand reaches 3
+constexpr double kHoldSpeed = 1.0;           // [m/s]: after a pause the brush moves on no faster
 
 double wrapped(double angle) {
   return std::remainder(angle, 2.0 * kPi);
@@ -310,14 +310,13 @@ PenActions PenMapping::leave(std::int64_t stamp_ns) {
   const double since = 1e-9 * static_cast<double>(std::max(std::int64_t{0}, leaving_ns - touch_ns_));
   const double bend = parameters_.pressure.lift * bend_ * std::exp(-since / kBend);
   const double target = std::min(posture_.level, -parameters_.pressure.clearance - bend);
-  stamp_ns_ = leaving_ns;
-  for (;; stamp_ns_ += kLeavingStep_ns) {
-    const double level = levelAfter(1e-9 * static_cast<double>(kLeavingStep_ns), target);
-    posture_.level = level - target > kThere ? level : target;
+  for (std::int64_t next_ns = leaving_ns; !is_away_; next_ns += kLeavingStep_ns) {
+    const double level = levelAfter(1e-9 * static_cast<double>(next_ns - stamp_ns_), target);
+    is_away_ = level - target <= kThere;
+    posture_.level = is_away_ ? target : level;
+    stamp_ns_ = next_ns;
     actions.poses.push_back(poseOf(posture_, stamp_ns_));
-    if (posture_.level == target) break;
   }
-  is_away_ = true;
   is_still_ = false;
   return actions;
 }

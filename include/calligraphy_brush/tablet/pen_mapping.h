@@ -48,11 +48,11 @@ struct PenActions {
 /// So it is continuous: q → 0 and distance → contact meet at −clearance, and a tablet without distance
 /// stays there. `contact` is what the tablet reported in the last touch.
 ///
-/// That is the target l*. Up the level l goes to it at 100 m/s² at most, also when it brakes, and ends
-/// with a time constant of 4 ms: a tuft that is jerked up, or stopped, is flung apart by its inertia, and
-/// rods that ink holds hang in knots for long after. One that is thrown down hangs back, swings through,
-/// hits the sheet splayed and leaves it again; so down it goes at a speed v ≥ 0 that grows by 5 m/s² at
-/// most, with
+/// That is the target l*. Up the level l goes to it at 100 m/s² at most, brakes as gently where the
+/// target rests, and ends with a time constant of 4 ms: a tuft that is jerked up, or stopped, is flung
+/// apart by its inertia, and rods that ink holds hang in knots for long after. One that is thrown down
+/// hangs back, swings through, hits the sheet splayed and leaves it again; so down it goes at a speed
+/// v ≥ 0 that grows by 5 m/s² at most, with
 ///   v ≤ (l* − l) / settle,   v ≤ press_speed + max(0, −l) / settle:
 /// it is slowed on the way to the sheet and to its depth, and in the sheet never faster than
 /// press_speed. From the clearance to the sheet that takes about 55 ms; the place is not delayed.
