@@ -17,9 +17,13 @@ constexpr float kCrowd = 1.25f;
 /// Where a third rod is so far inside the ball between two, as |c|²/(c·d), liquid does not bridge them;
 /// on its surface, where this is 1, it does not matter. In between the pair counts in part, so that what
 /// moves a little changes little.
-constexpr float kClosed = 0.7f;
-/// Time in which liquid comes between two rods, or goes [s].
+constexpr float kClosed = 0.5f;
+/// Gap at which a third rod may stand between two, over the distance of their axes.
+constexpr float kNextTo = 0.25f;
+/// Time constant with which liquid comes between two rods, or goes [s]: rods that it moves change how
+/// much there is to be, and go to and fro for ever where it follows them at once.
 constexpr double kLiquidTime = 0.05;
+constexpr float kFlows = 0.01f;  // of the liquid: less has come already
 /// Ink is known to this.
 constexpr double kInkStep = 1.0 / 256.0;
 /// Gap of rods that touch, but for what the solver leaves, over the distance of their axes.
@@ -119,9 +123,9 @@ float openness(const BundleNeighbours& near, std::size_t rod, float x, float y, 
 }
 
 /// The pairs of every rod a with those after it, and how many neighbours a rod has at a level,
-/// [level][rod]. Liquid comes between rods, and goes, by `change` at most.
+/// [level][rod]. Of the liquid that is to come between rods, or to go, `part` does.
 template <class Real>
-void findPairs(BundleContact<Real>& contact, float change, std::vector<std::vector<float>>& neighbours) {
+void findPairs(BundleContact<Real>& contact, float part, std::vector<std::vector<float>>& neighbours) {
   const std::size_t rods = contact.batches.size() * kLanes;
   contact.pairs.resize(rods);
   for (auto& of_rod : contact.pairs)
@@ -142,16 +146,21 @@ void findPairs(BundleContact<Real>& contact, float change, std::vector<std::vect
       const float square = x * x + y * y + z * z;
       const bool near_a = square <= near.reach[a];
       if (!near_a && !(square <= near.reach[b])) continue;
-      float open = near_a ? openness(near, a, x, y, z, square) : openness(near, b, -x, -y, -z, square);
+      // Whoever stands between is near the one or the other.
+      float open = openness(near, a, x, y, z, square);
+      if (open > 0.0f) open = std::min(open, openness(near, b, -x, -y, -z, square));
+      // Nor does anybody stand between rods that touch.
+      const float distance = std::sqrt(square) - gap;
+      open = static_cast<float>(hit->within) *
+             std::max(open, std::min(1.0f, 1.0f - gap / (kNextTo * distance)));
       auto& of_rod = contact.pairs[std::min(a, b)];
       const auto second = static_cast<std::int32_t>(std::max(a, b));
       auto pair = std::find_if(of_rod.begin(), of_rod.end(),
                                [&](const BundlePair& known) { return known.b == second; });
       const float before = pair == of_rod.end() ? 0.0f : pair->open[level];
-      contact.is_flowing = contact.is_flowing || std::abs(open - before) > change;
-      open = std::clamp(open, before - change, before + change);
+      contact.is_flowing = contact.is_flowing || std::abs(open - before) > kFlows;
+      open = before + part * (open - before);
       // What soon may touch: as near as rods move until the next time, and no second neighbours.
-      const float distance = std::sqrt(square) - gap;
       const float soon =
           static_cast<float>(kSoon) * std::min(static_cast<float>(contact.margin), distance);
       if (!(open > 0.0f) && gap > soon) continue;
@@ -420,7 +429,7 @@ void forgetPairs(BundleContact<Real>& contact) {
 template <class Real>
 void takeHits(BundleContact<Real>& contact, double elapsed) {
   const auto& neighbours = contact.neighbours;
-  findPairs(contact, static_cast<float>(elapsed / kLiquidTime), contact.neighbours);
+  findPairs(contact, static_cast<float>(-std::expm1(-elapsed / kLiquidTime)), contact.neighbours);
   clearPacks(contact);
   const int levels = static_cast<int>(contact.levels.size());
   const int batches = static_cast<int>(contact.batches.size());

@@ -125,6 +125,43 @@ FramedRods<Real> makeFramedRods(const std::vector<RodModel>& rods, const std::ve
   return framed;
 }
 
+namespace {
+
+template <class Real>
+void findLowest(const RodBatchModel<Real>& model, RodBatchState<Real>& state) {
+  for (std::size_t lane = 0; lane < size(1); ++lane) {
+    state.lowest[lane] = state.position[size(2) + lane];
+    for (int node = 1; node < model.node_count; ++node)
+      state.lowest[lane] = std::min(state.lowest[lane], state.position[size(3 * node + 2) + lane]);
+  }
+}
+
+/// Calls change(vector) for every vector of a field [..][3][lane].
+template <class Real, class Change>
+void changeVectors(AlignedVector<Real>& field, Change&& change) {
+  for (std::size_t row = 0; row < field.size(); row += size(3))
+    for (std::size_t at = row; at < row + size(1); ++at) {
+      const Eigen::Vector3d changed = change(
+          Eigen::Vector3d(double(field[at]), double(field[at + size(1)]), double(field[at + size(2)])));
+      for (int i = 0; i < 3; ++i) field[at + size(i)] = static_cast<Real>(changed[i]);
+    }
+}
+
+/// The same for quaternions [..][4][lane].
+template <class Real>
+void turnFrames(const Eigen::Quaterniond& turn, AlignedVector<Real>& field) {
+  for (std::size_t row = 0; row < field.size(); row += size(4))
+    for (std::size_t at = row; at < row + size(1); ++at) {
+      const Eigen::Quaterniond turned =
+          turn * Eigen::Quaterniond(double(field[at]), double(field[at + size(1)]),
+                                    double(field[at + size(2)]), double(field[at + size(3)]));
+      const double values[4] = {turned.w(), turned.x(), turned.y(), turned.z()};
+      for (int i = 0; i < 4; ++i) field[at + size(i)] = static_cast<Real>(values[i]);
+    }
+}
+
+}  // namespace
+
 template <class Real>
 void placeAtRest(const RodBatchModel<Real>& model, const RodBatchRoots<Real>& roots,
                  RodBatchState<Real>& state, FramedRods<Real>* framed) {
@@ -139,11 +176,7 @@ void placeAtRest(const RodBatchModel<Real>& model, const RodBatchRoots<Real>& ro
       state.position[size(3 * (edge + 1)) + i] = position;
     }
   }
-  for (std::size_t lane = 0; lane < size(1); ++lane) {
-    state.lowest[lane] = state.position[size(2) + lane];
-    for (int node = 1; node < model.node_count; ++node)
-      state.lowest[lane] = std::min(state.lowest[lane], state.position[size(3 * node + 2) + lane]);
-  }
+  findLowest(model, state);
   if (!framed) return;
   for (int edge = 0; edge < model.node_count - 1; ++edge)
     std::copy(framed->clamp_frame.begin(), framed->clamp_frame.end(),
@@ -151,6 +184,30 @@ void placeAtRest(const RodBatchModel<Real>& model, const RodBatchRoots<Real>& ro
   framed->end_frame = framed->clamp_frame;
   std::copy(state.position.end() - static_cast<std::ptrdiff_t>(size(3)), state.position.end(),
             framed->end_position.begin());
+  std::fill(framed->tether_multiplier.begin(), framed->tether_multiplier.end(), Real(0));
+}
+
+template <class Real>
+void carryShape(const Eigen::Isometry3d& motion, const RodBatchModel<Real>& model,
+                const RodBatchRoots<Real>& roots, RodBatchState<Real>& state, FramedRods<Real>* framed) {
+  for (auto* field : {&state.displacement, &state.velocity, &state.previous_velocity})
+    std::fill(field->begin(), field->end(), Real(0));
+  state.guess.clear();
+  changeVectors(state.edge, [&](const Eigen::Vector3d& edge) { return motion.linear() * edge; });
+  for (std::size_t i = 0; i < size(3); ++i) {
+    Real position = roots.position[i];
+    state.position[i] = position;
+    for (int edge = 0; edge < model.node_count - 1; ++edge) {
+      position += state.edge[size(3 * edge) + i];
+      state.position[size(3 * (edge + 1)) + i] = position;
+    }
+  }
+  findLowest(model, state);
+  if (!framed) return;
+  const Eigen::Quaterniond turn(motion.linear());
+  turnFrames(turn, framed->frame);
+  turnFrames(turn, framed->end_frame);
+  changeVectors(framed->end_position, [&](const Eigen::Vector3d& end) { return motion * end; });
   std::fill(framed->tether_multiplier.begin(), framed->tether_multiplier.end(), Real(0));
 }
 
@@ -163,7 +220,9 @@ void placeAtRest(const RodBatchModel<Real>& model, const RodBatchRoots<Real>& ro
   template RodBatchRoots<Real> makeRodBatchRoots();                                                     \
   template RodBatchWorkspace<Real> makeRodBatchWorkspace(int);                                          \
   template void placeAtRest(const RodBatchModel<Real>&, const RodBatchRoots<Real>&,                     \
-                            RodBatchState<Real>&, FramedRods<Real>*);
+                            RodBatchState<Real>&, FramedRods<Real>*);                                   \
+  template void carryShape(const Eigen::Isometry3d&, const RodBatchModel<Real>&,                        \
+                           const RodBatchRoots<Real>&, RodBatchState<Real>&, FramedRods<Real>*);
 CALLIGRAPHY_INSTANTIATE(float)
 CALLIGRAPHY_INSTANTIATE(double)
 #undef CALLIGRAPHY_INSTANTIATE

@@ -212,6 +212,18 @@ void forgetBends(FramedRods<Real>* framed, WetHair<Real>& hair) {
 }
 
 template <class Real>
+void turnBends(const Eigen::Matrix3d& turn, WetHair<Real>& hair) {
+  for (auto* field : {&hair.couple, &hair.push})
+    for (int row = 0; row < static_cast<int>(field->size()) / (3 * kLanes); ++row)
+      for (int lane = 0; lane < kLanes; ++lane) {
+        Eigen::Vector3d vector;
+        for (int i = 0; i < 3; ++i) vector[i] = double((*field)[at(3 * row + i, lane)]);
+        vector = turn * vector;
+        for (int i = 0; i < 3; ++i) (*field)[at(3 * row + i, lane)] = static_cast<Real>(vector[i]);
+      }
+}
+
+template <class Real>
 Eigen::Vector3d torqueOfCouples(const RodBatchState<Real>& state, const WetHair<Real>& hair, int lane) {
   const auto vector = [lane](const AlignedVector<Real>& field, int edge) {
     return Eigen::Vector3d(double(field[at(3 * edge, lane)]), double(field[at(3 * edge + 1, lane)]),
@@ -231,6 +243,7 @@ Eigen::Vector3d torqueOfCouples(const RodBatchState<Real>& state, const WetHair<
   template bool relax(double, const RodBatchModel<Real>&, const RodBatchRoots<Real>&, const Real*, \
                       const RodBatchState<Real>&, FramedRods<Real>*, WetHair<Real>&);              \
   template void forgetBends(FramedRods<Real>*, WetHair<Real>&);                                    \
+  template void turnBends(const Eigen::Matrix3d&, WetHair<Real>&);                                 \
   template Eigen::Vector3d torqueOfCouples(const RodBatchState<Real>&, const WetHair<Real>&, int);
 CALLIGRAPHY_INSTANTIATE(float)
 CALLIGRAPHY_INSTANTIATE(double)

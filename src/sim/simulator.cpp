@@ -18,6 +18,9 @@ constexpr double kFlowInterval = 0.016;
 // Flows along the rods of the tip for one between them, which is slower.
 constexpr int kFlowsAcross = 4;
 
+// Rods that touch rest where they move no further [m] in such a time [s]; they are given so long [s].
+constexpr double kAtRest = 5e-6, kRestInterval = 0.02, kLongestRest = 1.0;
+
 /// Adds the wall time of a scope to a stage. Time is only ever reported: nothing depends on it.
 class StageTimer {
  public:
@@ -86,6 +89,51 @@ struct Simulator::Implementation {
     paper.clear();
     if (picture) picture->clear();
   }
+  /// Height of the lowest node [m].
+  double lowest() const {
+    double height = std::numeric_limits<double>::infinity();
+    for (int rod = 0; rod < static_cast<int>(brush.rods.size()); ++rod)
+      height = std::min(height, tuft->rodOnPaper(rod).lowest);
+    return height;
+  }
+  /// Puts the brush onto the handle, at rest: in the shape that it has, unless that would be below the
+  /// sheet here, or in that which its ink gives it.
+  void putDown(const Eigen::Isometry3d& X_PH, bool has_shape) {
+    liftAll();
+    if (has_shape && tuft->carry(X_PH) && lowest() >= 0.0) return;
+    if (parameters.contact.bundles) {
+      comeToRest();
+      if (tuft->carry(X_PH)) return;
+    }
+    tuft->place(X_PH);
+  }
+
+  /// Lets straight rods touch, and cling, until they rest, upright in the air: wherever the brush is put
+  /// down then, it is the same. How straight rods fall together hangs on a hair, or a rounding.
+  void comeToRest() {
+    Eigen::Isometry3d X_PH = Eigen::Isometry3d::Identity();
+    X_PH.translation().z() = 2.0 * brush.tip_length;
+    const auto ends = [this] {
+      std::vector<Eigen::Vector3d> places;
+      for (int rod = 0; rod < static_cast<int>(brush.rods.size()); ++rod)
+        places.push_back(tuft->nodePosition(rod, nodeCount() - 1));
+      return places;
+    };
+    tuft->place(X_PH);
+    std::vector<Eigen::Vector3d> before = ends();
+    for (double seconds = 0.0; seconds < kLongestRest; seconds += kRestInterval) {
+      for (int k = 0; k < std::max(1, static_cast<int>(kRestInterval / parameters.rods.time_step)); ++k)
+        tuft->step(X_PH);
+      const std::vector<Eigen::Vector3d> now = ends();
+      double moved = 0.0;
+      for (std::size_t rod = 0; rod < now.size(); ++rod)
+        moved = std::max(moved, (now[rod] - before[rod]).norm());
+      if (getenv("SHOWREST")) fprintf(stderr, "rest %.3f moved %.2e\n", seconds, moved);
+      if (moved < kAtRest) return;
+      before = now;
+    }
+  }
+
   void liftAll() {
     for (int rod = 0; rod < static_cast<int>(brush.rods.size()); ++rod) ink.lift(rod);
   }
@@ -274,8 +322,7 @@ PoseVerdict Simulator::addPose(const HandlePose& pose) {
     s.handle = s.track.oldest();
     s.time_ns = s.handle.stamp_ns;
     s.drawn = s.handle;
-    s.tuft->place(toIsometry(s.handle));
-    s.liftAll();
+    s.putDown(toIsometry(s.handle), after_gap);
   }
   return verdict;
 }

@@ -116,13 +116,7 @@ class TuftOf : public Tuft {
       wake(batch);
       moveRoots(batch, X_PH, true);
       placeAtRest(batch.model, batch.roots, batch.state, batch.framed.get());
-      for (auto* field : {&batch.contact.multiplier, &batch.contact.offset, &batch.contact.force})
-        std::fill(field->begin(), field->end(), Real(0));
-      std::fill(batch.wrench.begin(), batch.wrench.end(), Real(0));
-      for (auto* lanes : {&batch.contact.engaged, &batch.contact.stuck, &batch.contact.touching})
-        std::fill(lanes->begin(), lanes->end(), Real(0));
-      std::fill(batch.contact.held.begin(), batch.contact.held.end(), char(0));
-      batch.load.clear();
+      leavePaper(batch);
       batch.push.clear();
       forgetBends(batch.framed.get(), batch.hair);
     }
@@ -132,6 +126,23 @@ class TuftOf : public Tuft {
     letGo();
     since_search_ = 0.0;
     has_history_ = false;
+  }
+
+  bool carry(const Eigen::Isometry3d& X_PH) override {
+    const Eigen::Isometry3d motion = X_PH * X_PH_.inverse();
+    X_PH_ = X_PH;
+    for (Batch& batch : batches_) {
+      wake(batch);
+      moveRoots(batch, X_PH, true);
+      carryShape(motion, batch.model, batch.roots, batch.state, batch.framed.get());
+      leavePaper(batch);
+      turnBends(motion.linear(), batch.hair);
+      batch.push.clear();
+      if (batch.hair.is_bent && !batch.framed) sumLoads(batch);
+    }
+    letGo();
+    has_history_ = false;
+    return true;
   }
 
   void moveEnd(int rod, const Eigen::Isometry3d& X_PE) override {
@@ -318,6 +329,17 @@ class TuftOf : public Tuft {
     int still_steps = 0;  // without a change of anything from outside, and without motion from `rest`
     AlignedVector<Real> rest;  // positions when they began
   };
+
+  /// Nothing presses on its rods, from now on.
+  static void leavePaper(Batch& batch) {
+    for (auto* field : {&batch.contact.multiplier, &batch.contact.offset, &batch.contact.force})
+      std::fill(field->begin(), field->end(), Real(0));
+    std::fill(batch.wrench.begin(), batch.wrench.end(), Real(0));
+    for (auto* lanes : {&batch.contact.engaged, &batch.contact.stuck, &batch.contact.touching})
+      std::fill(lanes->begin(), lanes->end(), Real(0));
+    std::fill(batch.contact.held.begin(), batch.contact.held.end(), char(0));
+    batch.load.clear();
+  }
 
   /// To be called on any change of what the rods of a batch feel.
   static void wake(Batch& batch) {
@@ -866,6 +888,10 @@ class TuftOf : public Tuft {
 };
 
 }  // namespace
+
+bool Tuft::carry(const Eigen::Isometry3d&) {
+  return false;
+}
 
 void Tuft::moveEnd(int rod, const Eigen::Isometry3d&) {
   throw std::invalid_argument("rod " + std::to_string(rod) + " has no far clamp");

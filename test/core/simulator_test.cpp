@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdlib>
 #include <new>
+#include <vector>
 
 #include "calligraphy_brush/sim/simulator.h"
 
@@ -182,6 +183,50 @@ TEST(Simulator, PutsTheBrushDownAnewAfterALongGap) {
   EXPECT_EQ(simulator.paper().ink(260, 120), 0.0F);
   EXPECT_LT(simulator.report().max_penetration, 1e-4);  // some of them still swing
   EXPECT_TRUE(std::isfinite(simulator.handleWrench().force_P.norm()));
+}
+
+TEST(Simulator, BrushIsPutDownElsewhereInTheShapeThatItHas) {
+  for (const bool touching : {false, true}) {
+    SimulatorParameters p = smallScene();
+    p.contact.bundles = touching;
+    Simulator simulator(p);
+    runStroke(simulator);
+    // Leaning in the air, it sags, and remembers how it was bent.
+    HandlePose pose = strokePose(simulator, kStrokePoses);
+    for (int k = 0; k < 60; ++k) {
+      pose.stamp_ns += 8000000;
+      ASSERT_EQ(simulator.addPose(pose), PoseVerdict::kAccepted);
+    }
+    simulator.advance();
+    const auto shape = [&simulator] {
+      const HandlePose handle = simulator.handlePose();
+      std::vector<Eigen::Vector3d> nodes;
+      for (int rod = 0; rod < simulator.rodCount(); ++rod)
+        for (int node = 0; node < simulator.nodeCount(); ++node)
+          nodes.push_back(handle.orientation.conjugate() *
+                          (simulator.nodePosition(rod, node) - handle.position));
+      return nodes;
+    };
+    const auto before = shape();
+    const auto farthest = [&before, &shape] {
+      const auto now = shape();
+      double most = 0.0;
+      for (std::size_t i = 0; i < now.size(); ++i) most = std::max(most, (now[i] - before[i]).norm());
+      return most;
+    };
+    pose.stamp_ns += 600000000;
+    pose.position += Eigen::Vector3d(0.01, -0.01, 0.002);
+    pose.orientation = Eigen::AngleAxisd(0.7, Eigen::Vector3d::UnitZ()) * pose.orientation;
+    ASSERT_EQ(simulator.addPose(pose), PoseVerdict::kAccepted);
+    EXPECT_LT(farthest(), 1e-7) << touching;  // floats of a position
+    // It was nearly at rest, and the way to here shook nothing: straight rods would sag by millimetres.
+    for (int k = 0; k < 10; ++k) {
+      pose.stamp_ns += 8000000;
+      ASSERT_EQ(simulator.addPose(pose), PoseVerdict::kAccepted);
+      simulator.advance();
+      EXPECT_LT(farthest(), touching ? 5e-4 : 3e-5) << touching << " " << k;
+    }
+  }
 }
 
 TEST(Simulator, DipsWipesAndClears) {

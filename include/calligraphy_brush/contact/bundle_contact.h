@@ -123,7 +123,7 @@ struct BundlePair {
 };
 
 /// Neighbours of a rod that are looked at, at a level: more than can lie around it.
-constexpr int kNearest = 8;
+constexpr int kNearest = 16;
 
 /// The nearest neighbours of rods at a level, and what is far off in empty places.
 struct BundleNeighbours {
@@ -187,6 +187,7 @@ struct BundleContact {
     std::int32_t level;
     Real x, y, z;  ///< from a to b across a [m]
     Real gap;      ///< between their surfaces, or what is wet of them [m]
+    Real within;   ///< 1, falling to 0 where they are too far apart for neighbours
   };
   int stride = 1;           ///< nodes from a level to the next, and up to the first
   std::vector<int> levels;  ///< nodes at which the search looks: the last, and every so many before it

@@ -72,6 +72,8 @@ class BundleSearch {
   /// Of a full batch four rods lie across: neighbours are no further apart than this part of the radii
   /// of both, times the rods of a full batch over those that there are.
   static constexpr double kNeighbours = 0.3;
+  /// Last part of that over which they stop to be neighbours.
+  static constexpr double kFade = 0.25;
   static constexpr int kFew = 4;  // rods that may lie anyhow
   static constexpr double kCrossingMargins = 2.0;
   /// Overlap of neighbouring edges, as a part of them, so that none is missed at a kink.
@@ -289,7 +291,7 @@ class BundleSearch {
     const BundleBatch<Real>&own = contact.batches[index(a)], &other = contact.batches[index(b)];
     const Real* const point = other.point.data() + node * kVector;
     const V margin = broadcast<V>(static_cast<Real>(contact.margin));
-    const V wide = broadcast<V>(static_cast<Real>(most));
+    const V wide = broadcast<V>(static_cast<Real>(most)), fade = broadcast<V>(static_cast<Real>(kFade));
     for (int turn = a == b ? 1 : 0; turn < (a == b ? kLanes / 2 + 1 : kLanes); ++turn) {
       alignas(64) std::int32_t to[kLanes];
       for (int lane = 0; lane < kLanes; ++lane) to[lane] = (lane + turn) % kLanes;
@@ -306,26 +308,30 @@ class BundleSearch {
         const V touching = radii + broadcast<V>(static_cast<Real>(kSoon)) * min(margin, radii);
         const V bridge =
             load<V>(own.bridge.data() + at + lane) + pick<V>(other.bridge.data() + at, to + lane);
-        const V reach = min(touching + bridge, max(touching, wide));
+        const V widest = max(touching, wide), reach = min(touching + bridge, widest);
         const V far = broadcast<V>(static_cast<Real>(kFarAlong));
         const V square = squaredNorm(across);
         const V crowd = max(load<V>(own.crowd.data() + level * kLanes + lane),
                             pick<V>(other.crowd.data() + level * kLanes, to + lane));
         const Mask near = (square < min(reach * reach, crowd)) & (along < far) & (along > -far);
         if (!any(near)) continue;
-        alignas(64) Real flags[kWidth], xs[kWidth], ys[kWidth], zs[kWidth], gaps[kWidth];
+        const V distance = sqrt(square);
+        const V within = min(broadcast<V>(1), (widest - distance) / (fade * widest));
+        alignas(64) Real flags[kWidth], xs[kWidth], ys[kWidth], zs[kWidth], gaps[kWidth],
+            withins[kWidth];
         store<V>(flags, select(near, broadcast<V>(1), V{}));
         store<V>(xs, across.x);
         store<V>(ys, across.y);
         store<V>(zs, across.z);
-        store<V>(gaps, sqrt(square) - radii);
+        store<V>(gaps, distance - radii);
+        store<V>(withins, within);
         for (int k = 0; k < kWidth; ++k) {
           if (flags[k] == Real(0)) continue;
           const int one = lane + k, two = to[lane + k];
           if (own.rod[index(one)] < 0 || other.rod[index(two)] < 0) continue;
           if (a == b && turn == kLanes / 2 && one > two) continue;  // seen from the other side
           contact.hits.push_back(
-              {a * kLanes + one, b * kLanes + two, level, xs[k], ys[k], zs[k], gaps[k]});
+              {a * kLanes + one, b * kLanes + two, level, xs[k], ys[k], zs[k], gaps[k], withins[k]});
         }
       }
     }

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/Geometry>
 #include <vector>
 
 #include "calligraphy_brush/brush/brush_model.h"
@@ -116,5 +117,10 @@ RodBatchWorkspace<Real> makeRodBatchWorkspace(int node_count);
 template <class Real>
 void placeAtRest(const RodBatchModel<Real>& model, const RodBatchRoots<Real>& roots,
                  RodBatchState<Real>& state, FramedRods<Real>* framed);
+
+/// Moves the rods as a rigid body, to where their roots are now, and leaves them at rest there.
+template <class Real>
+void carryShape(const Eigen::Isometry3d& motion, const RodBatchModel<Real>& model,
+                const RodBatchRoots<Real>& roots, RodBatchState<Real>& state, FramedRods<Real>* framed);
 
 }  // namespace calligraphy_brush

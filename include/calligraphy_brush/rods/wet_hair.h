@@ -81,6 +81,10 @@ constexpr double kStrainAtRest = 2e-4;
 template <class Real>
 void forgetBends(FramedRods<Real>* framed, WetHair<Real>& hair);
 
+/// What acts in directions of the paper frame turns with the rods.
+template <class Real>
+void turnBends(const Eigen::Matrix3d& turn, WetHair<Real>& hair);
+
 /// Torque that the couples of a plain rod put on it and on nothing else [N m]: in the rod each has its
 /// opposite, so the handle does not feel it.
 template <class Real>

@@ -55,9 +55,10 @@ class Simulator {
   Simulator(Simulator&&) noexcept;
   Simulator& operator=(Simulator&&) noexcept;
 
-  /// Takes the next pose of the handle or refuses it, and then changes nothing. The first one, and
-  /// the first after a gap of more than motion/max_gap, puts the brush there, at rest and undeformed;
-  /// so does one after motion/hold_after that is further away than motion/hold_distance.
+  /// Takes the next pose of the handle or refuses it, and then changes nothing. The first one puts the
+  /// brush there, at rest and undeformed. One after a gap of more than motion/max_gap, or of more than
+  /// motion/hold_after that is further away than motion/hold_distance, puts it there at rest in the
+  /// shape that it has, as nothing is known of the way.
   PoseVerdict addPose(const HandlePose& pose);
 
   /// Runs whole time steps up to the newest pose. Returns how many.

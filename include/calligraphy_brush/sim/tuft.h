@@ -36,6 +36,9 @@ class Tuft {
 
   /// Puts the rods, straight and at rest, onto a handle at X_PH.
   virtual void place(const Eigen::Isometry3d& X_PH) = 0;
+  /// Takes the rods there at rest and in the shape that they have, to the handle, as if nothing had
+  /// touched them on the way. Returns whether the scheme can; if not, nothing has changed.
+  virtual bool carry(const Eigen::Isometry3d& X_PH);
 
   /// Where the far clamp of a rod with end_clamped is from the next step on: its place, with the
   /// third axis along the rod and the first its first director. Throws std::invalid_argument for
