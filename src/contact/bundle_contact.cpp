@@ -17,7 +17,7 @@ constexpr float kCrowd = 1.25f;
 /// Where a third rod is so far inside the ball between two, as |c|²/(c·d), liquid does not bridge them;
 /// on its surface, where this is 1, it does not matter. In between the pair counts in part, so that what
 /// moves a little changes little.
-constexpr float kClosed = 0.5f;
+constexpr float kClosed = 0.7f;
 /// Gap at which a third rod may stand between two, over the distance of their axes.
 constexpr float kNextTo = 0.25f;
 /// Time constant with which liquid comes between two rods, or goes [s]: rods that it moves change how
@@ -378,37 +378,53 @@ void takeCrossings(BundleContact<Real>& contact) {
 
 template <class Real>
 WaysApart noteWays(BundleContact<Real>& contact) {
-  struct Box {
-    std::array<float, 3> low, high;
+  // The mean way of a batch at a level, and how far others are from it: the same however it is turned.
+  struct Ways {
+    std::array<float, 3> mean;
+    float spread;
   };
-  thread_local std::vector<Box> boxes;  // scratch: it keeps its memory
+  thread_local std::vector<Ways> ways;  // scratch: it keeps its memory
   const std::size_t batches = contact.batches.size(), levels = contact.levels.size();
-  boxes.resize(batches * levels);
+  ways.resize(batches * levels);
   for (std::size_t batch = 0; batch < batches; ++batch)
-    for (std::size_t level = 0; level < levels; ++level)
-      for (std::size_t i = 0; i < 3; ++i) {
-        const Real* way = contact.batches[batch].way.data() +
-                          (static_cast<std::size_t>(contact.levels[level]) * 3 + i) * kLanes;
-        const auto [low, high] = std::minmax_element(way, way + kLanes);
-        boxes[batch * levels + level].low[i] = static_cast<float>(*low);
-        boxes[batch * levels + level].high[i] = static_cast<float>(*high);
+    for (std::size_t level = 0; level < levels; ++level) {
+      const Real* way = contact.batches[batch].way.data() +
+                        static_cast<std::size_t>(contact.levels[level]) * 3 * kLanes;
+      const Real* present = contact.batches[batch].present.data();
+      Ways& own = ways[batch * levels + level];
+      float rods = 0.0f;
+      own.mean.fill(0.0f);
+      for (std::size_t lane = 0; lane < kLanes; ++lane) {
+        rods += static_cast<float>(present[lane]);
+        for (std::size_t i = 0; i < 3; ++i)
+          own.mean[i] += static_cast<float>(present[lane] * way[i * kLanes + lane]);
       }
+      for (float& mean : own.mean) mean /= rods;
+      float most = 0.0f;
+      for (std::size_t lane = 0; lane < kLanes; ++lane) {
+        float square = 0.0f;
+        for (std::size_t i = 0; i < 3; ++i) {
+          const float off = static_cast<float>(way[i * kLanes + lane]) - own.mean[i];
+          square += off * off;
+        }
+        most = std::max(most, static_cast<float>(present[lane]) * square);
+      }
+      own.spread = std::sqrt(most);
+    }
   WaysApart apart{0.0, 0.0};
   for (std::size_t a = 0; a < batches; ++a)
     for (std::size_t b = a; b < batches; ++b) {
       float most = 0.0f;
       for (std::size_t level = 0; level < levels; ++level) {
-        const Box &one = boxes[a * levels + level], &two = boxes[b * levels + level];
+        const Ways &one = ways[a * levels + level], &two = ways[b * levels + level];
         float square = 0.0f;
-        for (std::size_t i = 0; i < 3; ++i) {
-          const float off = std::max(one.high[i] - two.low[i], two.high[i] - one.low[i]);
-          square += off * off;
-        }
-        most = std::max(most, square);
+        for (std::size_t i = 0; i < 3; ++i)
+          square += (one.mean[i] - two.mean[i]) * (one.mean[i] - two.mean[i]);
+        most = std::max(most, std::sqrt(square) + one.spread + two.spread);
       }
       double& moved = contact.moved_apart[a * batches + b];
-      moved += std::sqrt(double(most));
-      apart.of_step = std::max(apart.of_step, std::sqrt(double(most)));
+      moved += double(most);
+      apart.of_step = std::max(apart.of_step, double(most));
       apart.largest = std::max(apart.largest, moved);
     }
   return apart;

@@ -19,7 +19,7 @@ constexpr double kFlowInterval = 0.016;
 constexpr int kFlowsAcross = 4;
 
 // Rods that touch rest where they move no further [m] in such a time [s]; they are given so long [s].
-constexpr double kAtRest = 5e-6, kRestInterval = 0.02, kLongestRest = 1.0;
+constexpr double kAtRest = 2e-5, kRestInterval = 0.02, kLongestRest = 0.5;
 
 /// Adds the wall time of a scope to a stage. Time is only ever reported: nothing depends on it.
 class StageTimer {

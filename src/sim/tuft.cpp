@@ -683,9 +683,13 @@ class TuftOf : public Tuft {
               (row == kCommonMass ? kLeastMass : Real(0));
     }
     coupling.solveCommon(common_);
-    Real largest = 0;
-    for (std::size_t k = 0; k < level.shift.size(); ++k)
-      largest = std::max(largest, std::abs(level.shift[k]));
+    Real square = 0;
+    for (std::size_t row = 0; row < level.shift.size(); row += 3 * kLanes)
+      for (std::size_t k = row; k < row + kLanes; ++k) {
+        const Real x = level.shift[k], y = level.shift[k + kLanes], z = level.shift[k + 2 * kLanes];
+        square = std::max(square, x * x + y * y + z * z);
+      }
+    const Real largest = std::sqrt(square);
     const Real scale = std::min(Real(1), static_cast<Real>(kTrustInMargins * bundles.margin) /
                                              std::max(largest, std::numeric_limits<Real>::min()));
     pool_.run(static_cast<int>(batches_.size()), [&](int index, int) {

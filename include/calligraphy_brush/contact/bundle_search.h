@@ -84,7 +84,8 @@ class BundleSearch {
   static constexpr double kFarAlong = 1.25;  // how far apart along the rods, in edges
   static std::size_t index(int i) { return static_cast<std::size_t>(i); }
 
-  /// Around what a batch has at a level, and the cone of its edges from the level before up to there.
+  /// Around the mean of what a batch has at a level, the same however it is turned, and the cone of its
+  /// edges from the level before up to there.
   struct Ball {
     double middle[3]{};
     double radius = 0.0;  ///< with what its rods reach
@@ -119,23 +120,18 @@ class BundleSearch {
     const int node = contact.levels[index(level)];
     const Real* point = rods.point.data() + node * kVector;
     Ball ball;
-    for (int i = 0; i < 3; ++i) {
-      double low = 1e9, high = -1e9;
-      for (int lane = 0; lane < kLanes; ++lane) {
-        if (rods.rod[index(lane)] < 0) continue;
-        const double x = double(point[i * kLanes + lane]);
-        low = x < low ? x : low;
-        high = x > high ? x : high;
-      }
-      ball.middle[i] = 0.5 * (low + high);
+    for (int lane = 0; lane < kLanes; ++lane) {
+      if (rods.rod[index(lane)] < 0) continue;
+      ++ball.count;
+      for (int i = 0; i < 3; ++i) ball.middle[i] += double(point[i * kLanes + lane]);
     }
+    for (double& middle : ball.middle) middle /= ball.count;
     const int first = edgesBegin(contact, level);
     for (int lane = 0; lane < kLanes; lane += kWidth)
       store<V>(ball.sag + lane, sagOf(rods, first, node, lane));
     double directions[kLanes][3], total[3] = {};
     for (int lane = 0; lane < kLanes; ++lane) {
       if (rods.rod[index(lane)] < 0) continue;
-      ++ball.count;
       double square = 0.0, length = 0.0;
       for (int i = 0; i < 3; ++i) {
         const double off = double(point[i * kLanes + lane]) - ball.middle[i];

@@ -345,7 +345,9 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
         addVector(kCommonGradient, gradient);
         addVector(kCommonEdge, e);
         add(kCommonBend, joint_scale * joint);
-        addVector(kCommonContact, Vector{touched.xx, touched.yy, touched.zz});
+        // Alike in all directions of the sheet, however the axes lie.
+        const V level = broadcast<V>(Real(0.5)) * (touched.xx + touched.yy);
+        addVector(kCommonContact, Vector{level, level, touched.zz});
         add(kCommonMass, mass);
       }
     };
