@@ -19,7 +19,7 @@ constexpr double kFlowInterval = 0.016;
 constexpr int kFlowsAcross = 4;
 
 // Rods that touch rest where they move no further [m] in such a time [s]; they are given so long [s].
-constexpr double kAtRest = 2e-5, kRestInterval = 0.02, kLongestRest = 0.5;
+constexpr double kAtRest = 2e-5, kRestInterval = 0.02, kLongestRest = 0.4;
 
 /// Adds the wall time of a scope to a stage. Time is only ever reported: nothing depends on it.
 class StageTimer {
@@ -89,37 +89,40 @@ struct Simulator::Implementation {
     paper.clear();
     if (picture) picture->clear();
   }
-  /// Height of the lowest node [m].
-  double lowest() const {
-    double height = std::numeric_limits<double>::infinity();
-    for (int rod = 0; rod < static_cast<int>(brush.rods.size()); ++rod)
-      height = std::min(height, tuft->rodOnPaper(rod).lowest);
-    return height;
-  }
-  /// Puts the brush onto the handle, at rest: in the shape that it has, unless that would be below the
-  /// sheet here, or in that which its ink gives it.
+
+  /// Puts the brush onto the handle, at rest: rods by themselves straight, those that touch in the shape
+  /// that they take there in the air, from that which they have, if any. Straight ones are let fall
+  /// together upright first, for how they do so hangs on a hair, or a rounding: so they are the same
+  /// wherever they come down.
   void putDown(const Eigen::Isometry3d& X_PH, bool has_shape) {
     liftAll();
-    if (has_shape && tuft->carry(X_PH) && lowest() >= 0.0) return;
-    if (parameters.contact.bundles) {
-      comeToRest();
-      if (tuft->carry(X_PH)) return;
+    const double high = 2.0 * brush.tip_length;
+    const bool touches = parameters.contact.bundles;
+    if (touches && !has_shape) {
+      Eigen::Isometry3d upright = Eigen::Isometry3d::Identity();
+      upright.translation().z() = high;
+      tuft->place(upright);
+      comeToRest(upright);
+    }
+    if (touches) {
+      Eigen::Isometry3d above = X_PH;
+      above.translation().z() += high;
+      if (tuft->carry(above)) {
+        comeToRest(above);
+        tuft->carry(X_PH);
+        return;
+      }
     }
     tuft->place(X_PH);
   }
 
-  /// Lets straight rods touch, and cling, until they rest, upright in the air: wherever the brush is put
-  /// down then, it is the same. How straight rods fall together hangs on a hair, or a rounding.
-  void comeToRest() {
-    Eigen::Isometry3d X_PH = Eigen::Isometry3d::Identity();
-    X_PH.translation().z() = 2.0 * brush.tip_length;
+  void comeToRest(const Eigen::Isometry3d& X_PH) {
     const auto ends = [this] {
       std::vector<Eigen::Vector3d> places;
       for (int rod = 0; rod < static_cast<int>(brush.rods.size()); ++rod)
         places.push_back(tuft->nodePosition(rod, nodeCount() - 1));
       return places;
     };
-    tuft->place(X_PH);
     std::vector<Eigen::Vector3d> before = ends();
     for (double seconds = 0.0; seconds < kLongestRest; seconds += kRestInterval) {
       for (int k = 0; k < std::max(1, static_cast<int>(kRestInterval / parameters.rods.time_step)); ++k)
@@ -128,7 +131,6 @@ struct Simulator::Implementation {
       double moved = 0.0;
       for (std::size_t rod = 0; rod < now.size(); ++rod)
         moved = std::max(moved, (now[rod] - before[rod]).norm());
-      if (getenv("SHOWREST")) fprintf(stderr, "rest %.3f moved %.2e\n", seconds, moved);
       if (moved < kAtRest) return;
       before = now;
     }

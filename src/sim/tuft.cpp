@@ -141,7 +141,8 @@ class TuftOf : public Tuft {
       batch.push.clear();
       if (batch.hair.is_bent && !batch.framed) sumLoads(batch);
     }
-    letGo();
+    if (bundles_)
+      for (BundleBatch<Real>& bundle : bundles_->batches) turnPulls(motion.linear(), bundle.springs);
     has_history_ = false;
     return true;
   }
@@ -503,6 +504,18 @@ class TuftOf : public Tuft {
     }
   }
 
+  /// The gradients of NodeSprings, [node][4][lane].
+  static void turnPulls(const Eigen::Matrix3d& turn, AlignedVector<Real>& springs) {
+    for (std::size_t row = 0; row < springs.size(); row += 4 * kLanes)
+      for (std::size_t at = row; at < row + kLanes; ++at) {
+        const Eigen::Vector3d turned =
+            turn * Eigen::Vector3d(double(springs[at]), double(springs[at + kLanes]),
+                                   double(springs[at + 2 * kLanes]));
+        for (std::size_t i = 0; i < 3; ++i)
+          springs[at + i * kLanes] = static_cast<Real>(turned[static_cast<Eigen::Index>(i)]);
+      }
+  }
+
   /// What pulled until now does not any more.
   void letGo() {
     if (!bundles_) return;
@@ -539,10 +552,9 @@ class TuftOf : public Tuft {
     const auto moved = [&](double margins) {
       return std::max(moved_since_search_, moved_apart_) > margins * bundles.margin;
     };
-    const bool searches =
-        moved_since_search_ > kSearchMargins * bundles.margin || moved(kFarMargins) ||
-        (moved(kLeastMargins) && since_search_ > kUsualSearch) ||
-        (bundles.is_flowing && since_search_ > kLongestSearch);
+    const bool searches = moved_since_search_ > kSearchMargins * bundles.margin || moved(kFarMargins) ||
+                          (moved(kLeastMargins) && since_search_ > kUsualSearch) ||
+                          (bundles.is_flowing && since_search_ > kLongestSearch);
     if (searches) search();
     const bool crosses = apart.largest > kApartMargins * bundles.margin;
     if (crosses) coupling.findCrossings(bundles);

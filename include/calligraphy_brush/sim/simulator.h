@@ -55,10 +55,11 @@ class Simulator {
   Simulator(Simulator&&) noexcept;
   Simulator& operator=(Simulator&&) noexcept;
 
-  /// Takes the next pose of the handle or refuses it, and then changes nothing. The first one puts the
-  /// brush there, at rest and undeformed. One after a gap of more than motion/max_gap, or of more than
-  /// motion/hold_after that is further away than motion/hold_distance, puts it there at rest in the
-  /// shape that it has, as nothing is known of the way.
+  /// Takes the next pose of the handle or refuses it, and then changes nothing. The first one, and one
+  /// after a gap of more than motion/max_gap, or of more than motion/hold_after that is further away than
+  /// motion/hold_distance, puts the brush there at rest, as nothing is known of the way: rods by
+  /// themselves straight, those that touch as they hang together in the air; at first from straight rods,
+  /// then from the shape that they have.
   PoseVerdict addPose(const HandlePose& pose);
 
   /// Runs whole time steps up to the newest pose. Returns how many.
