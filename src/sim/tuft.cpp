@@ -19,13 +19,13 @@ namespace {
 
 /// Relative speed of touching rods at which friction is fully there [m/s].
 constexpr double kSlipSpeed = 1e-3;
-/// A list of pairs serves for so long [s] while rods move, and for the longer while where only liquid
-/// does; when those of it have moved by so many margins relative to each other, or rods anywhere, it is
-/// done at once. One that comes up from where it was not listed is noticed when it overlaps, and pushed
-/// off. Where next to nothing moves nobody looks, and rods come to rest. By the clock rather than by how
-/// far they have come: what differs by a rounding then goes on alike.
+/// A list of pairs serves for so long [s] while rods or liquid move; when those of it have moved by so
+/// many margins relative to each other, or rods anywhere, it is done at once. One that comes up from
+/// where it was not listed is noticed when it overlaps, and pushed off. Where next to nothing moves
+/// nobody looks, and rods come to rest. By the clock rather than by how far they have come: what differs
+/// by a rounding then goes on alike.
 constexpr double kLeastMargins = 0.02, kSearchMargins = 2.0, kFarMargins = 6.0;
-constexpr double kUsualSearch = 7.5e-3, kLongestSearch = 16e-3;
+constexpr double kSearchTime = 15.5e-3;
 /// Time for which a rod is believed to go on with what it does by itself [s]. Believed for too long,
 /// small shocks of pairs that come and go add up; the shorter, the more rounds until rods know what
 /// their neighbours do.
@@ -553,8 +553,7 @@ class TuftOf : public Tuft {
       return std::max(moved_since_search_, moved_apart_) > margins * bundles.margin;
     };
     const bool searches = moved_since_search_ > kSearchMargins * bundles.margin || moved(kFarMargins) ||
-                          (moved(kLeastMargins) && since_search_ > kUsualSearch) ||
-                          (bundles.is_flowing && since_search_ > kLongestSearch);
+                          ((moved(kLeastMargins) || bundles.is_flowing) && since_search_ > kSearchTime);
     if (searches) search();
     const bool crosses = apart.largest > kApartMargins * bundles.margin;
     if (crosses) coupling.findCrossings(bundles);
