@@ -21,6 +21,14 @@ SimulatorParameters scene() {
   return p;
 }
 
+/// The same by rods that touch, as thick at the end as those of the medium brush.
+SimulatorParameters touchingScene() {
+  SimulatorParameters p = scene();
+  p.brush.hair_taper = 0.85;
+  p.contact.bundles = true;
+  return p;
+}
+
 constexpr double kTilt = 0.35;
 
 /// A straight stroke through the middle of the sheet: down, along at constant speed, up.
@@ -190,8 +198,9 @@ Picture halved(const Picture& fine) {
 
 }  // namespace
 
-TEST(StrokeLaw, TurningTheInputTurnsThePicture) {
-  SimulatorParameters p = scene();
+namespace {
+
+void expectTurnedPicturesOfTurnedInput(SimulatorParameters p) {
   p.paper.roughness = p.paper.unevenness = 0.0;  // the sheet does not turn with it
   p.paper.px_per_mm = 8.0;                       // turning a picture blurs a pixel; 4 are compared
   const Picture straight = wetLine(p);
@@ -222,21 +231,33 @@ TEST(StrokeLaw, TurningTheInputTurnsThePicture) {
   }
 }
 
+}  // namespace
+
+TEST(StrokeLaw, TurningTheInputTurnsThePicture) {
+  expectTurnedPicturesOfTurnedInput(scene());
+}
+TEST(StrokeLaw, TurningTheInputTurnsThePictureOfRodsThatTouch) {
+  expectTurnedPicturesOfTurnedInput(touchingScene());
+}
+
 TEST(StrokeLaw, TheRateOfPosesDoesNotMatter) {
-  const Picture usual = wetLine(scene());
-  for (const double rate : {62.5, 250.0}) {
-    Line how;
-    how.rate = rate;
-    EXPECT_GT(overlap(usual, wetLine(scene(), how)), 0.98) << rate;
+  for (const SimulatorParameters& p : {scene(), touchingScene()}) {
+    const Picture usual = wetLine(p);
+    for (const double rate : {62.5, 250.0}) {
+      Line how;
+      how.rate = rate;
+      EXPECT_GT(overlap(usual, wetLine(p, how)), 0.98) << rate << " " << p.contact.bundles;
+    }
   }
 }
 
 TEST(StrokeLaw, TwiceTheResolutionIsTheSameStroke) {
-  SimulatorParameters p = scene();
-  const Picture coarse = wetLine(p);
-  p.paper.px_per_mm = 8.0;
-  const Picture fine = wetLine(p);
-  EXPECT_GE(overlap(coarse, halved(fine)), 0.97);
+  for (SimulatorParameters p : {scene(), touchingScene()}) {
+    const Picture coarse = wetLine(p);
+    p.paper.px_per_mm = 8.0;
+    const Picture fine = wetLine(p);
+    EXPECT_GE(overlap(coarse, halved(fine)), 0.97) << p.contact.bundles;
+  }
 }
 
 TEST(StrokeLaw, ThereIsNoInkWhereTheTipDidNotTouch) {
