@@ -406,5 +406,40 @@ TEST(Bundles, ThreadsDoNotChangeABit) {
   EXPECT_EQ(hash[0], hash[1]);
 }
 
+TEST(Bundles, AWetTuftComesToRest) {
+  // Liquid that follows rods at once makes them go to and fro for ever, at a millimetre a second.
+  BrushParameters parameters;
+  parameters.rod_count = 64;
+  parameters.hair_taper = 0.85;
+  const BrushModel brush = makeBrush(parameters);
+  ContactParameters contact;
+  contact.bundles = true;
+  contact.paper = false;
+  const auto tuft = makeTuft(brush, {}, contact);
+  const int rods = static_cast<int>(brush.rods.size()), nodes = brush.rods.front().nodeCount();
+  tuft->setInk(std::vector<double>(static_cast<std::size_t>(rods * nodes), 1.0));
+  Eigen::Isometry3d X_PH = Eigen::Isometry3d::Identity();
+  X_PH.translation().z() = 0.1;
+  tuft->place(X_PH);
+  const auto ends = [&] {
+    std::vector<Eigen::Vector3d> places;
+    for (int rod = 0; rod < rods; ++rod) places.push_back(tuft->nodePosition(rod, nodes - 1));
+    return places;
+  };
+  const auto speed = [&](int steps) {  // root of the mean square, of the ends [m/s]
+    double sum = 0.0;
+    for (int k = 0; k < steps; ++k) {
+      const auto before = ends();
+      tuft->step(X_PH);
+      const auto now = ends();
+      for (std::size_t rod = 0; rod < now.size(); ++rod) sum += (now[rod] - before[rod]).squaredNorm();
+    }
+    return std::sqrt(sum / (steps * rods)) / 1e-3;
+  };
+  EXPECT_GT(speed(50), 5e-3);  // it falls together
+  speed(2500);
+  EXPECT_LT(speed(100), 4e-4);
+}
+
 }  // namespace
 }  // namespace calligraphy_brush
