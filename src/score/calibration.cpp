@@ -113,8 +113,8 @@ std::vector<FittedParameter> defaultFittedParameters() {
           {"brush/cone", 0.0, 0.6},
           {"brush/convergence", 0.0, 0.8},
           {"brush/hair_taper", 0.1, 1.0},
-          {"contact/surface_tension", 0.005, 0.08},
-          {"contact/paper_friction", 0.05, 1.0},
+          {"contact/surface_tension", 0.005, 0.2},
+          {"contact/paper_friction", 0.05, 5.0},
           {"ink/coat", 0.0, 0.001}};
 }
 
