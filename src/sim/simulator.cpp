@@ -18,8 +18,9 @@ constexpr double kFlowInterval = 0.016;
 // Flows along the rods of the tip for one between them, which is slower.
 constexpr int kFlowsAcross = 4;
 
-// Rods that touch rest where they move no further [m] in such a time [s]; they are given so long [s].
-constexpr double kAtRest = 2e-5, kRestInterval = 0.02, kLongestRest = 0.4;
+// Rods that touch rest where they move no further [m] in such a time [s]. They are given so long [s] to
+// fall together, and to sag as the brush is held.
+constexpr double kAtRest = 2e-5, kRestInterval = 0.02, kFallTime = 0.4, kSagTime = 0.1;
 
 /// Adds the wall time of a scope to a stage. Time is only ever reported: nothing depends on it.
 class StageTimer {
@@ -102,13 +103,13 @@ struct Simulator::Implementation {
       Eigen::Isometry3d upright = Eigen::Isometry3d::Identity();
       upright.translation().z() = high;
       tuft->place(upright);
-      comeToRest(upright);
+      comeToRest(upright, kFallTime);
     }
     if (touches) {
       Eigen::Isometry3d above = X_PH;
       above.translation().z() += high;
       if (tuft->carry(above)) {
-        comeToRest(above);
+        comeToRest(above, kSagTime);
         tuft->carry(X_PH);
         return;
       }
@@ -116,7 +117,7 @@ struct Simulator::Implementation {
     tuft->place(X_PH);
   }
 
-  void comeToRest(const Eigen::Isometry3d& X_PH) {
+  void comeToRest(const Eigen::Isometry3d& X_PH, double longest) {
     const auto ends = [this] {
       std::vector<Eigen::Vector3d> places;
       for (int rod = 0; rod < static_cast<int>(brush.rods.size()); ++rod)
@@ -124,7 +125,7 @@ struct Simulator::Implementation {
       return places;
     };
     std::vector<Eigen::Vector3d> before = ends();
-    for (double seconds = 0.0; seconds < kLongestRest; seconds += kRestInterval) {
+    for (double seconds = 0.0; seconds < longest; seconds += kRestInterval) {
       for (int k = 0; k < std::max(1, static_cast<int>(kRestInterval / parameters.rods.time_step)); ++k)
         tuft->step(X_PH);
       const std::vector<Eigen::Vector3d> now = ends();
