@@ -311,7 +311,7 @@ void Paper::findWishes(const TouchingPiece& piece, Tile& tile, int first_column,
   const double side_a = std::abs(swept_a), side_b = std::abs(swept_b);
   // What it swept in succession leaves no seam.
   const auto endOf = [](double swept_along) {
-    return std::abs(swept_along) + std::min(0.5, std::abs(swept_along));
+    return std::abs(swept_along) + std::min(0.25, std::abs(swept_along));
   };
   const double from = -endOf(along_a), to = length + endOf(along_b);
   const double half_a = piece.a.half_width * scale, half_b = piece.b.half_width * scale;
