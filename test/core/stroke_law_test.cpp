@@ -196,10 +196,6 @@ Picture halved(const Picture& fine) {
   return mean;
 }
 
-}  // namespace
-
-namespace {
-
 void expectTurnedPicturesOfTurnedInput(SimulatorParameters p) {
   p.paper.roughness = p.paper.unevenness = 0.0;  // the sheet does not turn with it
   p.paper.px_per_mm = 8.0;                       // turning a picture blurs a pixel; 4 are compared
