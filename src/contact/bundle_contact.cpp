@@ -12,6 +12,8 @@ namespace {
 constexpr double kPi = 3.14159265358979323846;
 /// Of nodes at which the search looks there are about so many.
 constexpr int kUsualLevels = 6;
+/// The search sees at a level the ends of rods that end so little before it, in edges.
+constexpr double kEndsBefore = 1.25;
 /// Until the next search the nearest come from within so many times their distance.
 constexpr float kCrowd = 1.25f;
 /// Where a third rod is so far inside the ball between two, as |c|²/(c·d), liquid does not bridge them;
@@ -164,10 +166,11 @@ void findPairs(BundleContact<Real>& contact, float part, std::vector<std::vector
       const float soon =
           static_cast<float>(kSoon) * std::min(static_cast<float>(contact.margin), distance);
       if (!(open > 0.0f) && gap > soon) continue;
-      if (pair == of_rod.end()) pair = of_rod.insert(of_rod.end(), {second, 0, 0, {}});
+      if (pair == of_rod.end()) pair = of_rod.insert(of_rod.end(), {second, 0, 0, {}, {}});
       pair->near |= 1u << level;
       if (open > 0.0f || gap < 0.0f) pair->acts |= 1u << level;
       pair->open[level] = open;
+      pair->shift[level] = static_cast<float>(a < b ? hit->shift : -hit->shift);
       for (const std::size_t rod : {a, b}) neighbours[level][rod] += open;
     }
   }
@@ -208,6 +211,26 @@ void findPlaces(const BrushModel& brush, BundleContact<Real>& contact) {
   }
 }
 
+/// Where the levels are on the rods.
+template <class Real>
+void findSections(BundleContact<Real>& contact) {
+  const int last = contact.node_count - 1;
+  for (BundleBatch<Real>& batch : contact.batches) {
+    batch.sections.resize(contact.levels.size());
+    for (std::size_t level = 0; level < contact.levels.size(); ++level)
+      for (std::size_t lane = 0; lane < kLanes; ++lane) {
+        BundleSection<Real>& section = batch.sections[level];
+        const double spacing = double(batch.places.place[kLanes + lane]);
+        const double at = contact.levels[level] / spacing, node = std::min<double>(at, last);
+        const double before = std::ceil(node) - 1.0;
+        const bool is_there = batch.rod[lane] >= 0 && at < last + kEndsBefore;
+        section.node[lane] = is_there ? static_cast<std::int32_t>(before) : -1;
+        section.part[lane] = static_cast<Real>(node - before);
+        section.place[lane] = static_cast<Real>(node * spacing);
+      }
+  }
+}
+
 /// The stretches of a batch with another into packs, and a tie of those.
 template <class Real>
 void pack(BundleContact<Real>& contact, int a, int b,
@@ -231,6 +254,7 @@ void pack(BundleContact<Real>& contact, int a, int b,
       pack.one[lane] = stretch.one;
       pack.two[lane] = stretch.two;
       pack.level[lane] = stretch.level;
+      pack.shift[lane] = stretch.shift;
       pack.before[lane] = static_cast<Real>(counts ? stretch.before : 0.0f);
       pack.here[lane] = static_cast<Real>(counts ? stretch.here : 0.0f);
     }
@@ -241,6 +265,62 @@ void pack(BundleContact<Real>& contact, int a, int b,
   // In a phase a batch meets that with which its number has a given sum.
   contact.phases[static_cast<std::size_t>(a + b) % contact.phases.size()].push_back(at);
   contact.ties.push_back(std::move(tie));
+}
+
+/// The stretch of a pair that ends at a level of the rod `a`, or of the other if it swaps them. Whether
+/// there is one, and whether they touch there or are bridged.
+template <class Real>
+bool makeStretch(const BundleContact<Real>& contact, int a, const BundlePair& pair, bool swaps,
+                 int level, typename BundleContact<Real>::Stretch& stretch, bool& acts) {
+  int one = a, two = pair.b;
+  if (swaps) std::swap(one, two);
+  const auto spacingOf = [&](int rod) {
+    return float(contact.batches[static_cast<std::size_t>(rod / kLanes)]
+                     .places.place[static_cast<std::size_t>(kLanes + rod % kLanes)]);
+  };
+  const float spacing = spacingOf(one), stride = static_cast<float>(contact.stride);
+  const int last_node = contact.levels[static_cast<std::size_t>(level)];
+  // Levels count from the root here: the first is at levels.front(), and so on.
+  const auto levelOf = [&](float node) {
+    return std::max(0.0f, (node * spacing - static_cast<float>(contact.levels.front())) / stride);
+  };
+  const float from = levelOf(static_cast<float>(last_node) - stride),
+              to = levelOf(static_cast<float>(last_node));
+  const int top = static_cast<int>(contact.levels.size()) - 1;
+  const int lowest = static_cast<int>(from), highest = std::min(top, static_cast<int>(std::ceil(to)));
+  std::uint32_t seen = 0;
+  for (int at = lowest; at <= highest; ++at) seen |= 1u << at;
+  if ((pair.near & seen) == 0) return false;
+  acts = (pair.acts & seen) != 0;
+  // Up to where they are too far apart it is the gap that counts.
+  const auto at = [&](float where, const auto& value) {
+    const auto below = static_cast<int>(where), above = std::min(top, below + 1);
+    const float part = where - static_cast<float>(below);
+    const auto nearest = [&](int wanted, int instead) {
+      if ((pair.near >> wanted & 1u) != 0) return wanted;
+      if ((pair.near >> instead & 1u) != 0) return instead;
+      return __builtin_ctz(pair.near & seen);
+    };
+    const float low = value(nearest(below, above)), high = value(nearest(above, below));
+    return low + part * (high - low);
+  };
+  const auto share = [&](int of) {
+    const auto& count = contact.neighbours[static_cast<std::size_t>(of)];
+    const float most =
+        std::max(count[static_cast<std::size_t>(one)], count[static_cast<std::size_t>(two)]);
+    return pair.open[static_cast<std::size_t>(of)] *
+           std::min(1.0f, static_cast<float>(kMostNeighbours) / std::max(most, 1.0f));
+  };
+  const auto ahead = [&](int of) {
+    return swaps ? -pair.shift[static_cast<std::size_t>(of)] : pair.shift[static_cast<std::size_t>(of)];
+  };
+  const float middle = static_cast<float>(last_node) - 0.5f * (stride - 1.0f);
+  const float beside = (middle * spacing + at(levelOf(middle), ahead)) / spacingOf(two);
+  const int first = std::max(1, last_node - contact.stride + 1);
+  const int shift = std::max(-first, static_cast<int>(std::lround(beside - middle)));
+  if (first + shift >= contact.node_count) return false;
+  stretch = {one % kLanes, two % kLanes, level, shift, at(from, share), at(to, share)};
+  return true;
 }
 
 template <class Real>
@@ -326,13 +406,14 @@ BundleContact<Real> makeBundleContact(const BrushModel& brush, const ContactPara
   // Long enough for few searches, short enough for few pairs that feel nothing.
   contact.margin = 0.75 * sum_radius / (contact.rod_count * n);
   findPlaces(brush, contact);
+  findSections(contact);
   contact.ties_of.resize(batches.size());
   contact.phases.resize(batches.size());
   contact.moved_apart.assign(batches.size() * batches.size(), std::numeric_limits<double>::max());
   contact.acting.resize(batches.size());
   contact.idle.resize(batches.size());
-  contact.nodes_before = contact.stride;
-  contact.records = contact.nodes_before + n + 1;
+  contact.nodes_before = contact.stride + 1;
+  contact.records = n + 2 * contact.nodes_before;
   for (auto* field : {&contact.points, &contact.ways, &contact.pulls})
     field->assign(batches.size() * kLanes * static_cast<std::size_t>(4 * contact.records), Real(0));
   return contact;
@@ -444,7 +525,6 @@ void forgetPairs(BundleContact<Real>& contact) {
 
 template <class Real>
 void takeHits(BundleContact<Real>& contact, double elapsed) {
-  const auto& neighbours = contact.neighbours;
   findPairs(contact, static_cast<float>(-std::expm1(-elapsed / kLiquidTime)), contact.neighbours);
   clearPacks(contact);
   const int levels = static_cast<int>(contact.levels.size());
@@ -456,27 +536,13 @@ void takeHits(BundleContact<Real>& contact, double elapsed) {
     for (int level = 0; level < levels; ++level)
       for (int lane = 0; lane < kLanes; ++lane)
         for (const BundlePair& pair : contact.pairs[static_cast<std::size_t>(a * kLanes + lane)]) {
-          const int before = std::max(level - 1, 0);
-          const bool is_near = (pair.near >> level & 1u) != 0,
-                     was_near = (pair.near >> before & 1u) != 0;
-          if (!is_near && !was_near) continue;
-          const auto share = [&](int at) {
-            const auto& count = neighbours[static_cast<std::size_t>(at)];
-            const float most = std::max(count[static_cast<std::size_t>(a * kLanes + lane)],
-                                        count[static_cast<std::size_t>(pair.b)]);
-            return pair.open[static_cast<std::size_t>(at)] *
-                   std::min(1.0f, static_cast<float>(kMostNeighbours) / std::max(most, 1.0f));
-          };
-          // Up to where they are too far apart it is the gap that counts.
-          const float share_before = share(was_near ? before : level),
-                      share_here = share(is_near ? level : before);
-          const int b = pair.b / kLanes;
-          std::int32_t one = lane, two = pair.b % kLanes;
+          const int b = pair.b / kLanes, other = pair.b % kLanes;
           // So that within a batch all have about as many on either side.
-          if (a == b && (one + two) % 2 != 0) std::swap(one, two);
-          const bool acts = ((pair.acts >> level | pair.acts >> before) & 1u) != 0;
-          (acts ? contact.acting : contact.idle)[static_cast<std::size_t>(b)].push_back(
-              {one, two, level, share_before, share_here});
+          const bool swaps = a == b && (lane + other) % 2 != 0;
+          bool acts = false;
+          typename BundleContact<Real>::Stretch stretch;
+          if (makeStretch(contact, a * kLanes + lane, pair, swaps, level, stretch, acts))
+            (acts ? contact.acting : contact.idle)[static_cast<std::size_t>(b)].push_back(stretch);
         }
     for (int b = a; b < batches; ++b) {
       auto &all = contact.acting[static_cast<std::size_t>(b)],
@@ -509,21 +575,36 @@ int findGroups(const BundleContact<Real>& contact, int first_node,
       const BundleBatch<Real>&ours = contact.batches[slot / kLanes],
             &others = contact.batches[static_cast<std::size_t>(pair.b) / kLanes];
       const int rod_a = ours.rod[lane], rod_b = others.rod[other];
-      const auto at = [&](int level) { return contact.levels[static_cast<std::size_t>(level)]; };
+      const auto spacingOf = [](const BundleBatch<Real>& batch, std::size_t of) {
+        return double(batch.places.place[kLanes + of]);
+      };
+      const double spacing = spacingOf(ours, lane);
+      const auto at = [&](int level) {
+        return contact.levels[static_cast<std::size_t>(level)] / spacing;
+      };
       const int lowest = __builtin_ctz(pair.near), highest = 31 - __builtin_clz(pair.near);
-      const int first = lowest == 0 ? 1 : at(lowest - 1) + 1;
-      const int last = highest == top ? n - 1 : at(highest + 1);
+      const int first = lowest == 0 ? 1 : static_cast<int>(at(lowest - 1)) + 1;
+      const int last = highest == top ? n - 1 : std::min(n - 1, static_cast<int>(at(highest + 1)));
       for (int node = std::max(first_node, first); node <= last; ++node) {
         const auto row = static_cast<std::size_t>(node * kLanes);
-        const double distance =
-            std::min(double(ours.radius[row + lane] + others.radius[row + other]),
-                     distanceAtRest(ours, lane, others, other, static_cast<double>(node) / (n - 1)));
-        const Eigen::Vector3d x = position(rod_a, node), y = position(rod_b, node);
+        const Eigen::Vector3d x = position(rod_a, node);
+        // The nearest edge of the other.
         double between = std::numeric_limits<double>::max();
-        for (const int next : {node - 1, node + 1})
-          if (next < n) between = std::min(between, distanceToSegment(x, y, position(rod_b, next) - y));
+        int nearest = 0;
+        Eigen::Vector3d from = position(rod_b, 0);
+        for (int next = 1; next < n; ++next) {
+          const Eigen::Vector3d to = position(rod_b, next);
+          const double away = distanceToSegment(x, from, to - from);
+          if (away < between) between = away, nearest = next;
+          from = to;
+        }
+        const double distance =
+            std::min(double(ours.radius[row + lane] +
+                            others.radius[static_cast<std::size_t>(nearest * kLanes) + other]),
+                     distanceAtRest(ours, lane, others, other, static_cast<double>(node) / (n - 1)));
         // What is dry hangs together where it touches.
-        const double range = double(ours.bridge[row + lane] + others.bridge[row + other]);
+        const double range = double(ours.bridge[row + lane] +
+                                    others.bridge[static_cast<std::size_t>(nearest * kLanes) + other]);
         const double near = range > 0.0 ? 0.5 * range : kTouching * distance;
         if (!(between - distance < near)) continue;
         const int a = find(rod_a), b = find(rod_b);

@@ -37,19 +37,21 @@ double pairEnergy(double gap, double distance, double stiffness, double cohesion
 /// Stretches of rods of a batch along which they face rods of a batch, kLanes of them: each the nodes
 /// after one level of the search up to the next.
 ///
-/// A pair is a node of the first rod and the nearest point of the two edges that meet at the second
-/// rod's node of the same index. Lanes beyond the last stretch repeat the first one, without any force.
+/// A pair is a node of the first rod and the nearest point of the two edges that meet at a node of the
+/// second, whose index is larger by `shift`. Lanes beyond the last stretch repeat the first one, without
+/// any force.
 template <class Real>
 struct alignas(64) BundlePack {
   std::array<Real, kLanes> before{}, here{};      ///< part of the pull that pairs have at either level
   std::array<std::int32_t, kLanes> one{}, two{};  ///< lanes of the rods in their batches
   std::array<std::int32_t, kLanes> level{};       ///< at which the stretch ends
+  std::array<std::int32_t, kLanes> shift{};
 
   // By BundlePull::fill:
   std::array<Real, kLanes> inverse_square{};              ///< of the second rod's edges [1/m²]
   std::array<Real, kLanes> place_one{}, place_two{};      ///< common place of the stretch's first node
   std::array<Real, kLanes> spacing_one{}, spacing_two{};  ///< of nodes, in common places
-  std::array<Real, kLanes> ends{};  ///< 1 where the last node is the rod's end, or 0
+  std::array<Real, kLanes> to_end{};  ///< nodes from the second rod's first in the stretch to its end
   std::array<std::int32_t, kLanes> record_one{},
       record_two{};                             ///< of the first nodes, see BundleContact
   Real low = 0, high = 0, least = 0, most = 0;  ///< of place_one and spacing_one, over all lanes
@@ -67,6 +69,17 @@ struct BundleTie {
   Real most_relative = 0;  ///< way of a node relative to one that it faces, across it, squared [m²]
 };
 
+/// Where the search looks at the rods of a batch: at one of its levels, or at the end of those that end
+/// not far before it.
+template <class Real>
+struct alignas(64) BundleSection {
+  std::array<std::int32_t, kLanes> node{};       ///< before it; -1: the rod ends before
+  std::array<Real, kLanes> part{};               ///< of the edge from there
+  std::array<Real, kLanes> place{};              ///< common place
+  std::array<Real, 3 * kLanes> point{}, edge{};  ///< [m], [3][lane]
+  std::array<Real, kLanes> radius{}, bridge{};   ///< [m]
+};
+
 /// The rods of a batch as the others see them. Lanes without a rod have no radius, far from all others.
 template <class Real>
 struct BundleBatch {
@@ -81,6 +94,7 @@ struct BundleBatch {
   /// Square of the distance within which a rod has as many neighbours as are looked at, and some more
   /// [m²], [level][lane]
   AlignedVector<Real> crowd;
+  std::vector<BundleSection<Real>> sections;  ///< [level]
 
   AlignedVector<Real>
       point;  ///< where the nodes are believed to be at the end of the step [m], [node][3][lane]
@@ -117,9 +131,10 @@ constexpr std::size_t kMostLevels = 8;
 /// Two rods that feel each other, as batch · kLanes + lane, the second the later one.
 struct BundlePair {
   std::int32_t b;
-  std::uint32_t near;                   ///< a bit for each level at which they are near each other
-  std::uint32_t acts;                   ///< and where they touch, or there is liquid between them
-  std::array<float, kMostLevels> open;  ///< how far there is, at the levels, 0..1
+  std::uint32_t near;                    ///< a bit for each level at which they are near each other
+  std::uint32_t acts;                    ///< and where they touch, or there is liquid between them
+  std::array<float, kMostLevels> open;   ///< how far there is, at the levels, 0..1
+  std::array<float, kMostLevels> shift;  ///< places from one on the first rod to that beside it
 };
 
 /// Neighbours of a rod that are looked at, at a level: more than can lie around it.
@@ -134,6 +149,9 @@ struct BundleNeighbours {
 };
 
 /// Contact and cohesion of the rods with one another.
+///
+/// A node of a rod is paired with what lies beside it of another: rods of different lengths end beside
+/// each other's middles, and where they are bent inner ones get ahead of outer ones.
 ///
 /// A pair at gap g has the energy of pairEnergy(), times the length of rod that the node stands for. Of
 /// rods that overlap where they are straight at rest the distance at rest counts as touching: bundles
@@ -173,7 +191,7 @@ struct BundleContact {
   std::vector<BundleTie<Real>> spare_ties;  ///< memory of those that are gone
 
   /// What pairs read and write of nodes: records of four numbers, those of a rod one after another,
-  /// [rod][node], from `nodes_before` before its root to one after its end.
+  /// [rod][node], from `nodes_before` before its root to as many after its end.
   int records = 0, nodes_before = 0;
   AlignedVector<Real> points, ways;  ///< as BundleBatch's [m], and 0
   AlignedVector<Real> pulls;         ///< gradient [N] and curvature [N/m] by all pairs of a node
@@ -187,10 +205,13 @@ struct BundleContact {
     std::int32_t level;
     Real x, y, z;  ///< from a to b across a [m]
     Real gap;      ///< between their surfaces, or what is wet of them [m]
+    Real shift;    ///< places from the level's on a to that beside it on b
     Real within;   ///< 1, falling to 0 where they are too far apart for neighbours
   };
-  int stride = 1;           ///< nodes from a level to the next, and up to the first
-  std::vector<int> levels;  ///< nodes at which the search looks: the last, and every so many before it
+  int stride = 1;  ///< nodes from a level to the next, and up to the first
+  /// Places at which the search looks: the last, and every so many before it; of each rod these are
+  /// nodes at which stretches end.
+  std::vector<int> levels;
   std::vector<Hit> hits;
   std::vector<BundleCrossing> crossings;      ///< of rods that are no pair
   std::vector<BundleCrossing> all_crossings;  ///< of any
@@ -201,7 +222,7 @@ struct BundleContact {
   BundleNeighbours near;                       ///< scratch, as are those after it
   /// A stretch that is to come into a pack of two batches.
   struct Stretch {
-    std::int32_t one, two, level;
+    std::int32_t one, two, level, shift;
     float before, here;
   };
   std::vector<std::vector<Stretch>> acting, idle;  ///< of one batch with each, [batch]

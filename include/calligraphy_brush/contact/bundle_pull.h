@@ -136,8 +136,7 @@ class BundlePull {
           one(pack.record_one.data() + lane),
           two(pack.record_two.data() + lane),
           inverse_square(load<V>(pack.inverse_square.data() + lane)),
-          ends(load<V>(pack.ends.data() + lane)),
-          last(contact.stride - 1) {}
+          to_end(load<V>(pack.to_end.data() + lane)) {}
     /// Of the node after so many steps from the stretch's first.
     static CALLIGRAPHY_INLINE Vector vectorAt(const AlignedVector<Real>& records, const std::int32_t* at,
                                               int step) {
@@ -145,12 +144,11 @@ class BundlePull {
       loadRecords<V>(records.data() + 4 * step, at, values);
       return {values[0], values[1], values[2]};
     }
-    CALLIGRAPHY_INLINE Mask endsAt(int step) const { return (step == last ? ends : V{}) > V{}; }
+    CALLIGRAPHY_INLINE Mask endsAt(int step) const { return !(to_end > real(step)); }
 
     const BundlePack<Real>& pack;
     const std::int32_t *one, *two;
-    V inverse_square, ends;
-    int last;
+    V inverse_square, to_end;
   };
 
   /// A node and the nearest point of the two edges that meet at the other rod's node.
@@ -188,22 +186,22 @@ class BundlePull {
   static void fillPack(const BundleContact<Real>& contact, const BundleTie<Real>& tie,
                        BundlePack<Real>& pack) {
     const BundleBatch<Real>&a = contact.batches[index(tie.a)], &b = contact.batches[index(tie.b)];
-    const int top = static_cast<int>(contact.levels.size()) - 1;
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
       const int one = pack.one[lane], two = pack.two[lane];
       const int first = contact.levels[index(pack.level[lane])] - contact.stride + 1;
+      const int first_two = first + pack.shift[lane];
       const Real other = b.length[index(two)];
       pack.inverse_square[lane] = Real(1) / (other * other);
-      pack.ends[lane] = pack.level[lane] == top ? Real(1) : Real(0);
-      const auto record = [&](int batch, int in_lane) {
-        return 4 * ((batch * kLanes + in_lane) * contact.records + contact.nodes_before + first);
+      pack.to_end[lane] = static_cast<Real>(contact.node_count - 1 - first_two);
+      const auto record = [&](int batch, int in_lane, int node) {
+        return 4 * ((batch * kLanes + in_lane) * contact.records + contact.nodes_before + node);
       };
-      pack.record_one[lane] = record(tie.a, one);
-      pack.record_two[lane] = record(tie.b, two);
+      pack.record_one[lane] = record(tie.a, one, first);
+      pack.record_two[lane] = record(tie.b, two, first_two);
       pack.spacing_one[lane] = a.places.place[index(kLanes + one)];
       pack.spacing_two[lane] = b.places.place[index(kLanes + two)];
       pack.place_one[lane] = static_cast<Real>(first) * pack.spacing_one[lane];
-      pack.place_two[lane] = static_cast<Real>(first) * pack.spacing_two[lane];
+      pack.place_two[lane] = static_cast<Real>(first_two) * pack.spacing_two[lane];
     }
     const auto extremes = [](const auto& of, Real& least, Real& most) {
       least = *std::min_element(of.begin(), of.end());
@@ -224,14 +222,14 @@ class BundlePull {
     alignas(64) Real parts[kWidth], weights[kWidth];
     for (int k = 0; k < kWidth; ++k) {
       const int node = contact.levels[index(pack.level[index(lane + k)])] - contact.stride + 1 + step;
-      const int within = node < 0 ? 0 : node;
+      const int within = std::max(node, 0);
+      const int node_two = node + pack.shift[index(lane + k)];
       at_one[k] = within * kLanes + one[k];
-      at_two[k] = within * kLanes + two[k];
+      at_two[k] = std::clamp(node_two, 0, last_node) * kLanes + two[k];
       parts[k] = static_cast<Real>(within) / static_cast<Real>(last_node);
       // Length that a node stands for, in edges.
-      weights[k] = node < 1 || lane + k >= pack.count ? Real(0)
-                   : node == last_node                ? Real(0.5)
-                                                      : Real(1);
+      const bool counts = node >= 1 && node_two <= last_node && lane + k < pack.count;
+      weights[k] = !counts ? Real(0) : node == last_node ? Real(0.5) : Real(1);
     }
     const auto of = [](const AlignedVector<Real>& field, const std::int32_t* at) {
       alignas(64) Real values[kWidth];

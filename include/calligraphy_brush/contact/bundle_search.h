@@ -10,10 +10,10 @@ namespace calligraphy_brush {
 
 /// Finds which rods are near one another.
 ///
-/// At some levels along the rods, nodes of the same index are compared, a batch with a batch at once:
-/// lane by lane, and again with the lanes of the second turned by one, and so on. Rods that are
-/// neighbours at the root share a batch, so that balls around what a batch has at a level tell which
-/// batches to compare: few, however many there are.
+/// At some levels along the tuft, points of rods as far from their roots are compared, a batch with a
+/// batch at once: lane by lane, and again with the lanes of the second turned by one, and so on. Rods
+/// that are neighbours at the root share a batch, so that balls around what a batch has at a level tell
+/// which batches to compare: few, however many there are.
 template <class V>
 class BundleSearch {
  public:
@@ -26,16 +26,20 @@ class BundleSearch {
     contact.hits.clear();
     const int batches = static_cast<int>(contact.batches.size());
     const int levels = static_cast<int>(contact.levels.size());
-    std::vector<Ball>& balls = ballsOf(contact);
-    const auto ball = [&](int batch, int level) -> const Ball& {
-      return balls[index(batch * levels + level)];
-    };
+    thread_local std::vector<Ball> balls;  // scratch: it keeps its memory
+    balls.clear();
+    for (BundleBatch<Real>& batch : contact.batches)
+      for (BundleSection<Real>& section : batch.sections) {
+        cut(batch, section);
+        balls.push_back(
+            ballOf(section.point.data(), section.radius.data(), section.bridge.data(), section.node));
+      }
     for (int level = 0; level < levels; ++level)
       for (int a = 0; a < batches; ++a)
         for (int b = a; b < batches; ++b) {
-          const Ball &own = ball(a, level), &other = ball(b, level);
-          if (meet(own, other, contact.margin, 0.0))
-            compare(contact, a, b, contact.levels[index(level)], level, mostBetween(own, other));
+          const Ball &own = balls[index(a * levels + level)], &other = balls[index(b * levels + level)];
+          if (own.count > 0 && other.count > 0 && meet(own, other, contact.margin, 0.0))
+            compare(contact, a, b, level, mostBetween(own, other));
         }
   }
 
@@ -43,7 +47,7 @@ class BundleSearch {
   static void findCrossings(BundleContact<Real>& contact) {
     const int batches = static_cast<int>(contact.batches.size());
     const int levels = static_cast<int>(contact.levels.size());
-    const std::vector<Ball>& balls = ballsOf(contact);
+    const std::vector<Cone>& cones = conesOf(contact);
     const auto isOld = [&](int a, int b) {
       return contact.moved_apart[index(a * batches + b)] > kSoonApart * kApartMargins * contact.margin;
     };
@@ -59,7 +63,7 @@ class BundleSearch {
         contact.moved_apart[index(a * batches + b)] = 0.0;
         for (int one = 0; one < levels; ++one)
           for (int two = 0; two < levels; ++two) {
-            const Ball &own = balls[index(a * levels + one)], &other = balls[index(b * levels + two)];
+            const Cone &own = cones[index(a * levels + one)], &other = cones[index(b * levels + two)];
             if (mayCross(own, other) &&
                 meet(own, other, kCrossingMargins * contact.margin, own.half + other.half))
               findCrossingsAt(contact, a, b, one, two, own, other);
@@ -81,19 +85,21 @@ class BundleSearch {
   /// Of the straight lines over some edges, none of which crosses another where these have a larger
   /// cosine, unless they sag by more than this part of their length.
   static constexpr double kChordCosine = 0.9, kBent = 0.1;
-  static constexpr double kFarAlong = 1.25;  // how far apart along the rods, in edges
+  static constexpr double kFarAlong = 2.5;  // how far rods may be ahead of others, in edges
   static std::size_t index(int i) { return static_cast<std::size_t>(i); }
 
-  /// Around the mean of what a batch has at a level, the same however it is turned, and the cone of its
-  /// edges from the level before up to there.
+  /// Around the mean of some points of a batch, the same however it is turned.
   struct Ball {
     double middle[3]{};
     double radius = 0.0;  ///< with what its rods reach
     double spread = 0.0;  ///< without
-    double half = 0.0;    ///< length of rod from the node to either end of those edges
+    int count = 0;        ///< rods
+  };
+  /// Of the nodes of a batch at a level, and of its edges from the level before up to there.
+  struct Cone : Ball {
+    double half = 0.0;  ///< length of rod from the node to either end of those edges
     double axis[3]{};
     double angle = 0.0;
-    int count = 0;  ///< rods
     alignas(
         64) Real sag[kLanes]{};  ///< of the nodes in between from the straight line over those edges [m]
   };
@@ -106,64 +112,95 @@ class BundleSearch {
   static int edgesBegin(const BundleContact<Real>& contact, int level) {
     return level == 0 ? 0 : contact.levels[index(level - 1)];
   }
-  static std::vector<Ball>& ballsOf(const BundleContact<Real>& contact) {
-    thread_local std::vector<Ball> balls;  // scratch: it keeps its memory
-    const int levels = static_cast<int>(contact.levels.size());
-    balls.resize(contact.batches.size() * contact.levels.size());
-    for (std::size_t batch = 0; batch < contact.batches.size(); ++batch)
-      for (int level = 0; level < levels; ++level)
-        balls[batch * contact.levels.size() + index(level)] =
-            ballOf(contact, contact.batches[batch], level);
-    return balls;
+
+  /// What a batch has at a level.
+  static void cut(const BundleBatch<Real>& rods, BundleSection<Real>& section) {
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      if (section.node[lane] < 0) continue;
+      const auto node = index(section.node[lane]);
+      const Real part = section.part[lane];
+      const auto between = [&](const AlignedVector<Real>& field) {
+        const Real *from = &field[node * kLanes + lane], *to = from + kLanes;
+        return *from + part * (*to - *from);
+      };
+      for (std::size_t i = 0; i < 3; ++i) {
+        const Real from = rods.point[(3 * node + i) * kLanes + lane];
+        const Real edge = rods.point[(3 * node + 3 + i) * kLanes + lane] - from;
+        section.point[i * kLanes + lane] = from + part * edge;
+        section.edge[i * kLanes + lane] = edge;
+      }
+      section.radius[lane] = between(rods.radius);
+      section.bridge[lane] = between(rods.bridge);
+    }
   }
-  static Ball ballOf(const BundleContact<Real>& contact, const BundleBatch<Real>& rods, int level) {
-    const int node = contact.levels[index(level)];
-    const Real* point = rods.point.data() + node * kVector;
+  /// point: [3][lane]; of lanes whose number in `rods` is not negative.
+  static Ball ballOf(const Real* point, const Real* radius, const Real* bridge,
+                     const std::array<std::int32_t, kLanes>& rods) {
     Ball ball;
     for (int lane = 0; lane < kLanes; ++lane) {
-      if (rods.rod[index(lane)] < 0) continue;
+      if (rods[index(lane)] < 0) continue;
       ++ball.count;
       for (int i = 0; i < 3; ++i) ball.middle[i] += double(point[i * kLanes + lane]);
     }
     for (double& middle : ball.middle) middle /= ball.count;
-    const int first = edgesBegin(contact, level);
-    for (int lane = 0; lane < kLanes; lane += kWidth)
-      store<V>(ball.sag + lane, sagOf(rods, first, node, lane));
-    double directions[kLanes][3], total[3] = {};
     for (int lane = 0; lane < kLanes; ++lane) {
-      if (rods.rod[index(lane)] < 0) continue;
-      double square = 0.0, length = 0.0;
+      if (rods[index(lane)] < 0) continue;
+      double square = 0.0;
       for (int i = 0; i < 3; ++i) {
         const double off = double(point[i * kLanes + lane]) - ball.middle[i];
         square += off * off;
+      }
+      ball.spread = std::max(ball.spread, std::sqrt(square));
+      ball.radius =
+          std::max(ball.radius, std::sqrt(square) + double(radius[lane]) + double(bridge[lane]));
+    }
+    return ball;
+  }
+  static std::vector<Cone>& conesOf(const BundleContact<Real>& contact) {
+    thread_local std::vector<Cone> cones;  // scratch: it keeps its memory
+    const int levels = static_cast<int>(contact.levels.size());
+    cones.resize(contact.batches.size() * contact.levels.size());
+    for (std::size_t batch = 0; batch < contact.batches.size(); ++batch)
+      for (int level = 0; level < levels; ++level)
+        cones[batch * contact.levels.size() + index(level)] =
+            coneOf(contact, contact.batches[batch], level);
+    return cones;
+  }
+  static Cone coneOf(const BundleContact<Real>& contact, const BundleBatch<Real>& rods, int level) {
+    const int node = contact.levels[index(level)], first = edgesBegin(contact, level);
+    const Real *point = rods.point.data() + node * kVector, *from = rods.point.data() + first * kVector;
+    Cone cone;
+    static_cast<Ball&>(cone) =
+        ballOf(point, rods.radius.data() + node * kLanes, rods.bridge.data() + node * kLanes, rods.rod);
+    for (int lane = 0; lane < kLanes; lane += kWidth)
+      store<V>(cone.sag + lane, sagOf(rods, first, node, lane));
+    double directions[kLanes][3], total[3] = {};
+    for (int lane = 0; lane < kLanes; ++lane) {
+      if (rods.rod[index(lane)] < 0) continue;
+      double length = 0.0;
+      for (int i = 0; i < 3; ++i) {
         // From the level before to here; what bends in between bends little.
-        directions[lane][i] = double(point[i * kLanes + lane]) -
-                              double(rods.point[index(first * kVector + i * kLanes + lane)]);
+        directions[lane][i] = double(point[i * kLanes + lane]) - double(from[i * kLanes + lane]);
         length += directions[lane][i] * directions[lane][i];
       }
       for (int i = 0; i < 3; ++i) {
         directions[lane][i] /= std::sqrt(length) + 1e-30;
         total[i] += directions[lane][i];
       }
-      const double edges = double(rods.length[index(lane)]) * (node - first);
-      ball.half = edges > ball.half ? edges : ball.half;
-      ball.spread = std::sqrt(square) > ball.spread ? std::sqrt(square) : ball.spread;
-      const auto at = index(node * kLanes + lane);
-      const double reach = std::sqrt(square) + double(rods.radius[at]) + double(rods.bridge[at]);
-      ball.radius = reach > ball.radius ? reach : ball.radius;
+      cone.half = std::max(cone.half, double(rods.length[index(lane)]) * (node - first));
     }
     const double size =
         std::sqrt(total[0] * total[0] + total[1] * total[1] + total[2] * total[2]) + 1e-30;
     double least = 1.0;
-    for (int i = 0; i < 3; ++i) ball.axis[i] = total[i] / size;
+    for (int i = 0; i < 3; ++i) cone.axis[i] = total[i] / size;
     for (int lane = 0; lane < kLanes; ++lane) {
       if (rods.rod[index(lane)] < 0) continue;
       double cosine = 0.0;
-      for (int i = 0; i < 3; ++i) cosine += directions[lane][i] * ball.axis[i];
-      least = cosine < least ? cosine : least;
+      for (int i = 0; i < 3; ++i) cosine += directions[lane][i] * cone.axis[i];
+      least = std::min(least, cosine);
     }
-    ball.angle = std::acos(least < -1.0 ? -1.0 : least);
-    return ball;
+    cone.angle = std::acos(std::max(least, -1.0));
+    return cone;
   }
   static V sagOf(const BundleBatch<Real>& rods, int first, int last, int lane) {
     const auto at = [&](int node) {
@@ -184,7 +221,7 @@ class BundleSearch {
     const double reach = a.radius + b.radius + margin + more;
     return square < reach * reach;
   }
-  static bool mayCross(const Ball& a, const Ball& b) {
+  static bool mayCross(const Cone& a, const Cone& b) {
     double cosine = 0.0;
     for (int i = 0; i < 3; ++i) cosine += a.axis[i] * b.axis[i];
     cosine = cosine < -1.0 ? -1.0 : cosine > 1.0 ? 1.0 : cosine;
@@ -212,7 +249,7 @@ class BundleSearch {
 
   /// Edges of two batches, each from one level to the next, where the straight lines over those cross.
   static void findCrossingsAt(BundleContact<Real>& contact, int a, int b, int level_a, int level_b,
-                              const Ball& ball_a, const Ball& ball_b) {
+                              const Cone& cone_a, const Cone& cone_b) {
     const BundleBatch<Real>&own = contact.batches[index(a)], &other = contact.batches[index(b)];
     const auto number = [](double value) { return broadcast<V>(static_cast<Real>(value)); };
     const int first_a = edgesBegin(contact, level_a), last_a = contact.levels[index(level_a)];
@@ -234,7 +271,7 @@ class BundleSearch {
         };
         const Vector x = mine(first_a), e = mine(last_a) - x;
         const Vector y = others(first_b), f = others(last_b) - y;
-        const V sag_a = load<V>(ball_a.sag + lane), sag_b = pick<V>(ball_b.sag, to + lane);
+        const V sag_a = load<V>(cone_a.sag + lane), sag_b = pick<V>(cone_b.sag, to + lane);
         const V reach = margin + sag_a + sag_b + load<V>(own.radius.data() + first_a * kLanes + lane) +
                         pick<V>(other.radius.data() + first_b * kLanes, to + lane);
         const Lines lines(x, e, y, f);
@@ -283,27 +320,25 @@ class BundleSearch {
   }
 
   /// Rods no further apart than `most` [m], and those that may touch.
-  static void compare(BundleContact<Real>& contact, int a, int b, int node, int level, double most) {
+  static void compare(BundleContact<Real>& contact, int a, int b, int level, double most) {
     const BundleBatch<Real>&own = contact.batches[index(a)], &other = contact.batches[index(b)];
-    const Real* const point = other.point.data() + node * kVector;
+    const BundleSection<Real>&mine = own.sections[index(level)], &others = other.sections[index(level)];
+    const Real* const point = others.point.data();
     const V margin = broadcast<V>(static_cast<Real>(contact.margin));
     const V wide = broadcast<V>(static_cast<Real>(most)), fade = broadcast<V>(static_cast<Real>(kFade));
     for (int turn = a == b ? 1 : 0; turn < (a == b ? kLanes / 2 + 1 : kLanes); ++turn) {
       alignas(64) std::int32_t to[kLanes];
       for (int lane = 0; lane < kLanes; ++lane) to[lane] = (lane + turn) % kLanes;
       for (int lane = 0; lane < kLanes; lane += kWidth) {
-        const int at = node * kLanes;
-        const Vector x = Vector::loadFrom(own.point.data() + node * kVector + lane);
-        const Vector edge = x - Vector::loadFrom(own.point.data() + (node - 1) * kVector + lane);
+        const Vector x = Vector::loadFrom(mine.point.data() + lane);
+        const Vector edge = Vector::loadFrom(mine.edge.data() + lane);
         const Vector d{pick<V>(point, to + lane) - x.x, pick<V>(point + kLanes, to + lane) - x.y,
                        pick<V>(point + 2 * kLanes, to + lane) - x.z};
         const V along = dot(d, edge) / squaredNorm(edge);
         const Vector across = d - along * edge;
-        const V radii =
-            load<V>(own.radius.data() + at + lane) + pick<V>(other.radius.data() + at, to + lane);
+        const V radii = load<V>(mine.radius.data() + lane) + pick<V>(others.radius.data(), to + lane);
         const V touching = radii + broadcast<V>(static_cast<Real>(kSoon)) * min(margin, radii);
-        const V bridge =
-            load<V>(own.bridge.data() + at + lane) + pick<V>(other.bridge.data() + at, to + lane);
+        const V bridge = load<V>(mine.bridge.data() + lane) + pick<V>(others.bridge.data(), to + lane);
         const V widest = max(touching, wide), reach = min(touching + bridge, widest);
         const V far = broadcast<V>(static_cast<Real>(kFarAlong));
         const V square = squaredNorm(across);
@@ -313,21 +348,24 @@ class BundleSearch {
         if (!any(near)) continue;
         const V distance = sqrt(square);
         const V within = min(broadcast<V>(1), (widest - distance) / (fade * widest));
-        alignas(64) Real flags[kWidth], xs[kWidth], ys[kWidth], zs[kWidth], gaps[kWidth],
+        alignas(64) Real flags[kWidth], xs[kWidth], ys[kWidth], zs[kWidth], gaps[kWidth], alongs[kWidth],
             withins[kWidth];
         store<V>(flags, select(near, broadcast<V>(1), V{}));
         store<V>(xs, across.x);
         store<V>(ys, across.y);
         store<V>(zs, across.z);
         store<V>(gaps, distance - radii);
+        store<V>(alongs, along);
         store<V>(withins, within);
         for (int k = 0; k < kWidth; ++k) {
           if (flags[k] == Real(0)) continue;
           const int one = lane + k, two = to[lane + k];
-          if (own.rod[index(one)] < 0 || other.rod[index(two)] < 0) continue;
+          if (mine.node[index(one)] < 0 || others.node[index(two)] < 0) continue;
           if (a == b && turn == kLanes / 2 && one > two) continue;  // seen from the other side
-          contact.hits.push_back(
-              {a * kLanes + one, b * kLanes + two, level, xs[k], ys[k], zs[k], gaps[k], withins[k]});
+          const Real shift = others.place[index(two)] - mine.place[index(one)] -
+                             alongs[k] * own.places.place[index(kLanes + one)];
+          contact.hits.push_back({a * kLanes + one, b * kLanes + two, level, xs[k], ys[k], zs[k],
+                                  gaps[k], shift, withins[k]});
         }
       }
     }

@@ -31,7 +31,8 @@ struct ContactParameters {
     visit("tolerance", self.tolerance, Range{1e-15, 1e-3}, "m",
           "Residual of a contact at which its multipliers are not updated again.");
     visit("paper", self.paper, "Whether there is a sheet to touch.");
-    visit("bundles", self.bundles, "Whether rods touch each other and cling by the ink they hold; the brush presets say so.");
+    visit("bundles", self.bundles,
+          "Whether rods touch each other and cling by the ink they hold; the brush presets say so.");
     visit("bundle_friction", self.bundle_friction, Range{0.0, 10.0}, "1",
           "Coulomb coefficient of hair on hair; no measured source.");
     visit("bundle_stiffness", self.bundle_stiffness, Range{0.01, 1000.0}, "1",
