@@ -255,6 +255,7 @@ void pack(BundleContact<Real>& contact, int a, int b,
       pack.two[lane] = stretch.two;
       pack.level[lane] = stretch.level;
       pack.shift[lane] = stretch.shift;
+      pack.ahead[lane] = static_cast<Real>(stretch.ahead);
       pack.before[lane] = static_cast<Real>(counts ? stretch.before : 0.0f);
       pack.here[lane] = static_cast<Real>(counts ? stretch.here : 0.0f);
     }
@@ -311,15 +312,15 @@ bool makeStretch(const BundleContact<Real>& contact, int a, const BundlePair& pa
     return pair.open[static_cast<std::size_t>(of)] *
            std::min(1.0f, static_cast<float>(kMostNeighbours) / std::max(most, 1.0f));
   };
-  const auto ahead = [&](int of) {
-    return swaps ? -pair.shift[static_cast<std::size_t>(of)] : pair.shift[static_cast<std::size_t>(of)];
-  };
   const float middle = static_cast<float>(last_node) - 0.5f * (stride - 1.0f);
-  const float beside = (middle * spacing + at(levelOf(middle), ahead)) / spacingOf(two);
+  const float ahead = (swaps ? -1.0f : 1.0f) * at(levelOf(middle), [&](int of) {
+                        return pair.shift[static_cast<std::size_t>(of)];
+                      });
+  const float beside = (middle * spacing + ahead) / spacingOf(two);
   const int first = std::max(1, last_node - contact.stride + 1);
   const int shift = std::max(-first, static_cast<int>(std::lround(beside - middle)));
   if (first + shift >= contact.node_count) return false;
-  stretch = {one % kLanes, two % kLanes, level, shift, at(from, share), at(to, share)};
+  stretch = {one % kLanes, two % kLanes, level, shift, ahead, at(from, share), at(to, share)};
   return true;
 }
 

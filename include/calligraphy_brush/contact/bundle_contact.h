@@ -46,6 +46,7 @@ struct alignas(64) BundlePack {
   std::array<std::int32_t, kLanes> one{}, two{};  ///< lanes of the rods in their batches
   std::array<std::int32_t, kLanes> level{};       ///< at which the stretch ends
   std::array<std::int32_t, kLanes> shift{};
+  std::array<Real, kLanes> ahead{};  ///< places from one on the first rod to that beside it
 
   // By BundlePull::fill:
   std::array<Real, kLanes> inverse_square{};              ///< of the second rod's edges [1/m²]
@@ -223,7 +224,7 @@ struct BundleContact {
   /// A stretch that is to come into a pack of two batches.
   struct Stretch {
     std::int32_t one, two, level, shift;
-    float before, here;
+    float ahead, before, here;
   };
   std::vector<std::vector<Stretch>> acting, idle;  ///< of one batch with each, [batch]
   std::vector<std::vector<float>> neighbours;      ///< how many a rod has at a level, [level][rod]

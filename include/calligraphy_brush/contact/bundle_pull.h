@@ -219,25 +219,37 @@ class BundlePull {
     const std::int32_t *one = pack.one.data() + lane, *two = pack.two.data() + lane;
     const int last_node = contact.node_count - 1;
     std::int32_t at_one[kWidth], at_two[kWidth];
-    alignas(64) Real parts[kWidth], weights[kWidth];
+    alignas(64) Real parts[kWidth], weights[kWidth], beyond[kWidth];
     for (int k = 0; k < kWidth; ++k) {
-      const int node = contact.levels[index(pack.level[index(lane + k)])] - contact.stride + 1 + step;
+      const auto in_pack = index(lane + k);
+      const int node = contact.levels[index(pack.level[in_pack])] - contact.stride + 1 + step;
       const int within = std::max(node, 0);
-      const int node_two = node + pack.shift[index(lane + k)];
+      // What lies beside it: from one time to the next it may be at another node, but not elsewhere.
+      const Real beside =
+          std::clamp((static_cast<Real>(node) * pack.spacing_one[in_pack] + pack.ahead[in_pack]) /
+                         pack.spacing_two[in_pack],
+                     Real(0), static_cast<Real>(last_node));
+      const int node_two = std::min(static_cast<int>(beside), last_node - 1);
       at_one[k] = within * kLanes + one[k];
-      at_two[k] = std::clamp(node_two, 0, last_node) * kLanes + two[k];
+      at_two[k] = node_two * kLanes + two[k];
+      beyond[k] = beside - static_cast<Real>(node_two);
       parts[k] = static_cast<Real>(within) / static_cast<Real>(last_node);
       // Length that a node stands for, in edges.
-      const bool counts = node >= 1 && node_two <= last_node && lane + k < pack.count;
+      const bool counts = node >= 1 && node + pack.shift[in_pack] <= last_node && lane + k < pack.count;
       weights[k] = !counts ? Real(0) : node == last_node ? Real(0.5) : Real(1);
     }
-    const auto of = [](const AlignedVector<Real>& field, const std::int32_t* at) {
+    const auto of_one = [&](const AlignedVector<Real>& field) {
       alignas(64) Real values[kWidth];
-      for (int k = 0; k < kWidth; ++k) values[k] = field[index(at[k])];
+      for (int k = 0; k < kWidth; ++k) values[k] = field[index(at_one[k])];
       return load<V>(values);
     };
-    const auto sum = [&](const AlignedVector<Real>& mine, const AlignedVector<Real>& others) {
-      return of(mine, at_one) + of(others, at_two);
+    const auto of_two = [&](const AlignedVector<Real>& field) {
+      alignas(64) Real values[kWidth];
+      for (int k = 0; k < kWidth; ++k) {
+        const Real* from = &field[index(at_two[k])];
+        values[k] = *from + beyond[k] * (from[kLanes] - *from);
+      }
+      return load<V>(values);
     };
     const auto vectorOf = [&](const AlignedVector<Real>& field, const std::int32_t* at) {
       return Vector{pick<V>(field.data(), at), pick<V>(field.data() + kLanes, at),
@@ -251,17 +263,17 @@ class BundlePull {
     Vector rest = vectorOf(b.rest, two) - vectorOf(a.rest, one) +
                   load<V>(parts) * (ratio * vectorOf(b.along, two) - along);
     rest = rest - (dot(rest, along) / squaredNorm(along)) * along;
-    const V radii = sum(a.radius, b.radius);
+    const V radii = of_one(a.radius) + of_two(b.radius);
     const V distance = max(tiny, min(radii, sqrt(squaredNorm(rest))));
-    const V hold = min(of(a.hold, at_one), of(b.hold, at_two));
+    const V hold = min(of_one(a.hold), of_two(b.hold));
     const V stiff = max(real(contact.stiffness) * select(weight > zero, hold, zero),
                         real(contact.modulus) * weight * length);
-    const V range = max(tiny, sum(a.bridge, b.bridge));
+    const V range = max(tiny, of_one(a.bridge) + of_two(b.bridge));
     // From the level before to this one.
     const V before = load<V>(pack.before.data() + lane), here = load<V>(pack.here.data() + lane);
     const V share = before + real(static_cast<double>(step + 1) / contact.stride) * (here - before);
     // 2 w/range, w being the mean of both rods'.
-    const V pull = sum(a.cling, b.cling) * weight * length * share / range;
+    const V pull = (of_one(a.cling) + of_two(b.cling)) * weight * length * share / range;
     Real* terms = contact.terms.data() + (index(pack_index * contact.stride + step)) * kTerms + lane;
     store<V>(terms, distance);
     store<V>(terms + kLanes, stiff);
