@@ -161,15 +161,16 @@ Mask photographOf(const RecordedSet& set, std::size_t index, double px_per_mm) {
   }
   const auto width = static_cast<int>(std::ceil(1e3 * set.width() * px_per_mm - 1e-6));
   const auto height = static_cast<int>(std::ceil(1e3 * set.height() * px_per_mm - 1e-6));
-  const Mask paint =
-      maskOf(resampled(tile, set.px_per_mm, Vector2d::Zero(), width, height, px_per_mm), px_per_mm);
   std::vector<Vector2d> path;
   constexpr int kSamples = 200;
   constexpr double kReach_mm = 3.0;
   for (int k = 0; k <= kSamples; ++k)
     path.push_back(1e3 *
                    (set.origin() + set.strokes.at(index).placeAt(static_cast<double>(k) / kSamples)));
-  return withoutHoles(piecesNear(paint, path, kReach_mm));
+  // As fine as the photograph is: its rims may be as thin as a pixel of the score.
+  const Mask paint = withoutHoles(piecesNear(maskOf(tile, set.px_per_mm), path, kReach_mm));
+  for (std::size_t k = 0; k < paint.ink.size(); ++k) tile.mono8[k] = paint.ink[k] ? 0 : 255;
+  return maskOf(resampled(tile, set.px_per_mm, Vector2d::Zero(), width, height, px_per_mm), px_per_mm);
 }
 
 namespace {
