@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "calligraphy_brush/common/lane_vectors.h"
+
 namespace calligraphy_brush {
 namespace {
 
@@ -136,18 +138,7 @@ void findLowest(const RodBatchModel<Real>& model, RodBatchState<Real>& state) {
   }
 }
 
-/// Calls change(vector) for every vector of a field [..][3][lane].
-template <class Real, class Change>
-void changeVectors(AlignedVector<Real>& field, Change&& change) {
-  for (std::size_t row = 0; row < field.size(); row += size(3))
-    for (std::size_t at = row; at < row + size(1); ++at) {
-      const Eigen::Vector3d changed = change(
-          Eigen::Vector3d(double(field[at]), double(field[at + size(1)]), double(field[at + size(2)])));
-      for (int i = 0; i < 3; ++i) field[at + size(i)] = static_cast<Real>(changed[i]);
-    }
-}
-
-/// The same for quaternions [..][4][lane].
+/// Turns the quaternions of a field [..][4][lane].
 template <class Real>
 void turnFrames(const Eigen::Quaterniond& turn, AlignedVector<Real>& field) {
   for (std::size_t row = 0; row < field.size(); row += size(4))

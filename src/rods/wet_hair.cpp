@@ -4,6 +4,7 @@
 #include <cmath>
 #include <type_traits>
 
+#include "calligraphy_brush/common/lane_vectors.h"
 #include "calligraphy_brush/common/lanes.h"
 #include "calligraphy_brush/rods/bending_law.h"
 #include "calligraphy_brush/rods/joint_energy.h"
@@ -214,13 +215,7 @@ void forgetBends(FramedRods<Real>* framed, WetHair<Real>& hair) {
 template <class Real>
 void turnBends(const Eigen::Matrix3d& turn, WetHair<Real>& hair) {
   for (auto* field : {&hair.couple, &hair.push})
-    for (int row = 0; row < static_cast<int>(field->size()) / (3 * kLanes); ++row)
-      for (int lane = 0; lane < kLanes; ++lane) {
-        Eigen::Vector3d vector;
-        for (int i = 0; i < 3; ++i) vector[i] = double((*field)[at(3 * row + i, lane)]);
-        vector = turn * vector;
-        for (int i = 0; i < 3; ++i) (*field)[at(3 * row + i, lane)] = static_cast<Real>(vector[i]);
-      }
+    changeVectors(*field, [&](const Eigen::Vector3d& vector) { return turn * vector; });
 }
 
 template <class Real>
