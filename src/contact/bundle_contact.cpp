@@ -26,6 +26,7 @@ constexpr float kNextTo = 0.25f;
 /// much there is to be, and go to and fro for ever where it follows them at once.
 constexpr double kLiquidTime = 0.05;
 constexpr float kFlows = 0.01f;  // of the liquid: less has come already
+constexpr float kTrace = 1e-3f;  // less is none
 /// Ink is known to this.
 constexpr double kInkStep = 1.0 / 256.0;
 /// Gap of rods that touch, but for what the solver leaves, over the distance of their axes.
@@ -131,7 +132,7 @@ void findPairs(BundleContact<Real>& contact, float part, std::vector<std::vector
   const std::size_t rods = contact.batches.size() * kLanes;
   contact.pairs.resize(rods);
   for (auto& of_rod : contact.pairs)
-    for (BundlePair& pair : of_rod) pair.near = pair.acts = 0;
+    for (BundlePair& pair : of_rod) pair.near = pair.acts = pair.seen = 0;
   contact.is_flowing = false;
   neighbours.resize(contact.levels.size());
   for (auto& count : neighbours) count.assign(rods, 0.0f);
@@ -162,12 +163,17 @@ void findPairs(BundleContact<Real>& contact, float part, std::vector<std::vector
       const float before = pair == of_rod.end() ? 0.0f : pair->open[level];
       contact.is_flowing = contact.is_flowing || std::abs(open - before) > kFlows;
       open = before + part * (open - before);
+      if (open < kTrace) open = 0.0f;
       // What soon may touch: as near as rods move until the next time, and no second neighbours.
       const float soon =
           static_cast<float>(kSoon) * std::min(static_cast<float>(contact.margin), distance);
-      if (!(open > 0.0f) && gap > soon) continue;
-      if (pair == of_rod.end()) pair = of_rod.insert(of_rod.end(), {second, 0, 0, {}, {}});
-      pair->near |= 1u << level;
+      const bool is_near = open > 0.0f || gap <= soon;
+      if (pair == of_rod.end()) {
+        if (!is_near) continue;
+        pair = of_rod.insert(of_rod.end(), {second, 0, 0, 0, {}, {}});
+      }
+      pair->seen |= 1u << level;
+      if (is_near) pair->near |= 1u << level;
       if (open > 0.0f || gap < 0.0f) pair->acts |= 1u << level;
       pair->open[level] = open;
       pair->shift[level] = static_cast<float>(a < b ? hit->shift : -hit->shift);
@@ -178,9 +184,16 @@ void findPairs(BundleContact<Real>& contact, float part, std::vector<std::vector
     of_rod.erase(std::remove_if(of_rod.begin(), of_rod.end(),
                                 [](const BundlePair& pair) { return pair.near == 0; }),
                  of_rod.end());
+    // Up to where they are too far apart it is the gap that counts.
     for (BundlePair& pair : of_rod)
-      for (std::size_t level = 0; level < contact.levels.size(); ++level)
-        if (!(pair.near >> level & 1u)) pair.open[level] = 0.0f;
+      for (std::size_t level = 0; level < contact.levels.size(); ++level) {
+        if ((pair.seen >> level & 1u) != 0) continue;
+        const std::uint32_t above = pair.seen >> level << level;
+        const auto nearest =
+            static_cast<std::size_t>(above != 0 ? __builtin_ctz(above) : 31 - __builtin_clz(pair.seen));
+        pair.open[level] += part * (pair.open[nearest] - pair.open[level]);
+        pair.shift[level] = pair.shift[nearest];
+      }
   }
 }
 
@@ -293,17 +306,10 @@ bool makeStretch(const BundleContact<Real>& contact, int a, const BundlePair& pa
   for (int at = lowest; at <= highest; ++at) seen |= 1u << at;
   if ((pair.near & seen) == 0) return false;
   acts = (pair.acts & seen) != 0;
-  // Up to where they are too far apart it is the gap that counts.
   const auto at = [&](float where, const auto& value) {
-    const auto below = static_cast<int>(where), above = std::min(top, below + 1);
-    const float part = where - static_cast<float>(below);
-    const auto nearest = [&](int wanted, int instead) {
-      if ((pair.near >> wanted & 1u) != 0) return wanted;
-      if ((pair.near >> instead & 1u) != 0) return instead;
-      return __builtin_ctz(pair.near & seen);
-    };
-    const float low = value(nearest(below, above)), high = value(nearest(above, below));
-    return low + part * (high - low);
+    const auto below = static_cast<int>(where);
+    const float low = value(below), high = value(std::min(top, below + 1));
+    return low + (where - static_cast<float>(below)) * (high - low);
   };
   const auto share = [&](int of) {
     const auto& count = contact.neighbours[static_cast<std::size_t>(of)];
@@ -381,7 +387,7 @@ BundleContact<Real> makeBundleContact(const BrushModel& brush, const ContactPara
       field->assign(fieldSize(contact, 1), Real(0));
     for (auto* field : {&batch.point, &batch.way}) field->assign(fieldSize(contact, 3), Real(0));
     batch.springs.assign(fieldSize(contact, 4), Real(0));
-    for (auto* field : {&batch.turns, &batch.anchors})
+    for (auto* field : {&batch.turns, &batch.kinks, &batch.anchors})
       field->assign(static_cast<std::size_t>(n), Real(0));
     batch.scratch.assign(fieldSize(contact, 6), Real(0));
     batch.crowd.assign(contact.levels.size() * kLanes, std::numeric_limits<Real>::max());

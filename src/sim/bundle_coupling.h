@@ -173,7 +173,7 @@ class BundleCoupling {
   void letGo() {
     for (BundleBatch<Real>& bundle : bundles_.batches) {
       std::fill(bundle.springs.begin(), bundle.springs.end(), Real(0));
-      for (auto* field : {&bundle.turns, &bundle.anchors})
+      for (auto* field : {&bundle.turns, &bundle.kinks, &bundle.anchors})
         std::fill(field->begin(), field->end(), Real(0));
     }
     since_ties_ = kTieSteps;
@@ -261,7 +261,9 @@ class BundleCoupling {
                      batch.common_scratch.data(), batch.common.data());
       for (int place = 0; place < n; ++place) {
         Real* sums = batch.common.data() + place * kCommonRows;
-        sums[kCommonTurn] = bundle.turns[static_cast<std::size_t>(place)];
+        sums[kCommonTurn] += bundle.turns[static_cast<std::size_t>(place)];
+        // Of the joint before the edge that ends here.
+        if (place > 0) sums[kCommonBend] += bundle.kinks[static_cast<std::size_t>(place - 1)];
         for (int i = 0; i < 3; ++i)
           sums[kCommonContact + i] += bundle.anchors[static_cast<std::size_t>(place)];
       }

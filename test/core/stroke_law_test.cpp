@@ -31,23 +31,32 @@ SimulatorParameters touchingScene() {
 
 constexpr double kTilt = 0.35;
 
-/// A straight stroke through the middle of the sheet: down, along at constant speed, up.
+/// A straight stroke through the middle of the sheet: down, along at constant speed, up, as smoothly as
+/// a hand moves.
 struct Line {
   double length = 0.1, speed = 0.08, depth = 0.01, turn = 0.0, rate = 125.0;
 };
 
 void write(Simulator& simulator, const Line& line) {
   const SimulatorParameters& p = simulator.parameters();
-  const double duration = line.length / line.speed, ramp = 0.15;
+  const double duration = line.length / line.speed, ramp = 0.15, soft = 0.1;
   const Eigen::Matrix3d R = Eigen::AngleAxisd(line.turn, Eigen::Vector3d::UnitZ()).toRotationMatrix();
   const Eigen::Vector3d middle(0.5 * p.paper.width, 0.5 * p.paper.height, 0.0);
-  const auto ease = [](double u) { return u <= 0 ? 0.0 : u >= 1 ? 1.0 : u * u * (3 - 2 * u); };
+  // A step of continuous curvature, and its integral.
+  const auto ease = [](double u) {
+    return u <= 0 ? 0.0 : u >= 1 ? 1.0 : u * u * u * (10 + u * (6 * u - 15));
+  };
+  const auto way = [](double u) {
+    return u <= 0 ? 0.0 : u >= 1 ? u - 0.5 : u * u * u * u * (2.5 + u * (u - 3));
+  };
   const int poses = static_cast<int>((duration + 2 * ramp + 0.1) * line.rate);
   for (int k = 0; k <= poses; ++k) {
     const double t = k / line.rate;
     const double depth =
         (line.depth + 0.003) * (ease(t / ramp) - ease((t - ramp - duration) / ramp)) - 0.003;
-    const double along = std::clamp(t - ramp, 0.0, duration) * line.speed - 0.5 * line.length;
+    const double along =
+        line.speed * soft * (way((t - ramp) / soft) - way((t - ramp - duration) / soft)) -
+        0.5 * line.length;
     HandlePose pose;
     pose.stamp_ns = 1000000000 + std::llround(t * 1e9);
     // It leans and trails: an upright brush does not know which way to bend.

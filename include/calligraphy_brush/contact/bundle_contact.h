@@ -106,6 +106,9 @@ struct BundleBatch {
   /// Pairs between points at different places resist where these are shifted differently: curvatures,
   /// times the square of the difference, [place].
   std::vector<Real> turns;
+  /// Where these are bent at a place, an edge from node to node misses the bend and a node does not:
+  /// curvatures that resist bends, [place].
+  std::vector<Real> kinks;
   std::vector<Real> anchors;    ///< curvatures of what crosses its rods, at common places [N/m], [place]
   AlignedVector<Real> scratch;  ///< of the mean way, see extrapolate(), [node][4 + 2][lane]
 };
@@ -132,8 +135,9 @@ constexpr std::size_t kMostLevels = 8;
 /// Two rods that feel each other, as batch · kLanes + lane, the second the later one.
 struct BundlePair {
   std::int32_t b;
-  std::uint32_t near;                    ///< a bit for each level at which they are near each other
-  std::uint32_t acts;                    ///< and where they touch, or there is liquid between them
+  std::uint32_t seen;  ///< a bit for each level at which they are in each other's reach
+  std::uint32_t near;  ///< and for those where they may touch, or have liquid between them
+  std::uint32_t acts;  ///< and where they touch, or there is liquid between them
   std::array<float, kMostLevels> open;   ///< how far there is, at the levels, 0..1
   std::array<float, kMostLevels> shift;  ///< places from one on the first rod to that beside it
 };

@@ -86,11 +86,15 @@ class BundlePull {
         store<V>(springs + 3 * kLanes, pull[3] + pull[3]);
       }
     clear(own.turns);
+    clear(own.kinks);
     for (const int i : contact.ties_of[index(batch)]) {
       const BundleTie<Real>& tie = contact.ties[index(i)];
       // A pair with another batch is stretched by the difference of places and by that of the shifts.
       const Real part = tie.a == tie.b ? Real(1) : Real(2);
-      for (std::size_t k = 0; k < own.turns.size(); ++k) own.turns[k] += part * tie.turns[k];
+      for (std::size_t k = 0; k < own.turns.size(); ++k) {
+        own.turns[k] += part * tie.turns[k];
+        own.kinks[k] += static_cast<Real>(kMissedBend) * part * tie.stiffness[k];
+      }
     }
   }
 
@@ -126,6 +130,9 @@ class BundlePull {
 
   /// Gap of surfaces that may touch at any moment, over the distance of the axes.
   static constexpr double kNearlyTouching = 0.1;
+  /// Twice the square of the part of a bend at a place, a second difference, by which the straight line
+  /// over it is off.
+  static constexpr double kMissedBend = 2.0 / 16.0;
   /// How far beyond a rod's end its last edge is felt, in edges.
   static constexpr double kReachBeyondEnd = 0.25;
 

@@ -54,10 +54,11 @@ constexpr int kRodFactorBasis = 0, kRodFactorCoupling = 6, kRodFactorStep = 10, 
               kRodFactorRows = 18;
 
 /// What the rods of a batch are together at places that they have in common, rows of a place: the
-/// gradient of the step's potential by a shift of it (3 numbers, [N]), the edge that ends there (3,
-/// [m]), the stiffness of the joint before that edge against turns of its end (1, [N/m]), that of what
-/// is touched there along x, y and z (3, [N/m]), that of inertia (1, [N/m]), and that of ties between
-/// the rods against turns of the edge's end (1, [N/m]).
+/// gradient of the step's potential by a shift of it, as far as rods can follow (3 numbers, [N]), the
+/// edge that ends there (3, [m]), the stiffness of the joint before that edge against turns of its end
+/// (1, [N/m]), that of what is touched there along x, y and z (3, [N/m]), that of inertia (1, [N/m]),
+/// and that of what pulls the rods taut, and of ties between them, against turns of the edge's end (1,
+/// [N/m]).
 constexpr int kCommonGradient = 0, kCommonEdge = 3, kCommonBend = 6, kCommonContact = 7,
               kCommonMass = 10, kCommonTurn = 11, kCommonRows = 12;
 

@@ -326,7 +326,7 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
     };
     const V joint_scale = load<V>(places.joint.data() + lane);
     // A node's numbers go to the places around it, by the part that it has of their shifts.
-    const auto give = [&](int node, const Vector& gradient, const Vector& e, V joint) {
+    const auto give = [&](int node, const Vector& gradient, const Vector& e, V joint, V taut) {
       Symmetric3<V> touched{};
       if constexpr (Potential::kTied) potential_.addBaseHessian(node, touched);
       const V mass = inertia_ * load<V>(mass_ + node * kLanes);
@@ -345,33 +345,30 @@ class RodKernel : public NewtonStep<RodKernel<V, Potential>, V, Potential> {
         addVector(kCommonGradient, gradient);
         addVector(kCommonEdge, e);
         add(kCommonBend, joint_scale * joint);
+        add(kCommonTurn, taut);
         // Alike in all directions of the sheet, however the axes lie.
         const V level = broadcast<V>(Real(0.5)) * (touched.xx + touched.yy);
         addVector(kCommonContact, Vector{level, level, touched.zz});
         add(kCommonMass, mass);
       }
     };
-    Vector before = clamp_, e = fromScratch(trial_), gradient{}, edge_before{};
-    V joint = jointOf(0, e, before), joint_before{};
-    for (int i = 0; i < n_ - 1; ++i) {
-      Vector after{};
-      V next{};
-      if (i + 2 < n_) {
-        after = fromScratch(trial_ + (i + 1) * kScratchVector);
-        next = jointOf(i + 1, after, e);
-      }
-      // What its joints make an edge turn by: a force on its far end, against one on the near.
-      Vector b = (-joint) * before - next * after;
-      b = b - (dot(b, e) * inverse_length_squared_) * e;
-      if (i > 0) give(i, gradient - b, edge_before, joint_before);
-      gradient = fromScratch(gradient_ + (i + 1) * kScratchVector) + b;
-      edge_before = e;
-      joint_before = joint;
-      before = e;
-      e = after;
-      joint = next;
+    // What turns an edge is all that pulls beyond it, but for what its length takes, and its joints. A
+    // node is given what its two edges differ by: nothing where the rod is at rest, however it pulls.
+    Vector pull{}, turn_after{}, after{};
+    V joint_after{};
+    for (int i = n_ - 2; i >= 0; --i) {
+      const Vector e = fromScratch(trial_ + i * kScratchVector);
+      const Vector before = i > 0 ? fromScratch(trial_ + (i - 1) * kScratchVector) : clamp_;
+      const V joint = jointOf(i, e, before);
+      pull = pull + fromScratch(gradient_ + (i + 1) * kScratchVector);
+      Vector turn = pull - joint * before - joint_after * after;
+      turn = turn - (dot(turn, e) * inverse_length_squared_) * e;
+      const V taut = max(V{}, -dot(pull, e) * inverse_length_squared_);
+      give(i + 1, turn - turn_after, e, joint, taut);
+      turn_after = turn;
+      after = e;
+      joint_after = joint;
     }
-    give(n_ - 1, gradient, edge_before, joint_before);
   }
 
   void finish(const double* pivot, Real* wrench) {
