@@ -130,8 +130,8 @@ TEST(Pointer, HoversAtTheClearanceWhileTheButtonIsUp) {
 TEST(Pointer, PressesToTheDepthThatIsAskedForAndNoDeeper) {
   Hand hand;
   writeLine(hand);
-  const double depth =
-      TabletPressureParameters().full_depth * BrushOnSheet().tip_length * (kPressure - 0.01) / 0.99;
+  const double depth = PointerBrushParameters().pressure.full_depth * BrushOnSheet().tip_length *
+                       (kPressure - 0.01) / 0.99;
   double lowest = 1.0;
   for (const HandlePose& pose : hand.poses) lowest = std::min(lowest, height(pose));
   EXPECT_NEAR(lowest, -depth, 1e-5);

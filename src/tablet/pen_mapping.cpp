@@ -24,6 +24,7 @@ constexpr double kSwing = 0.01;              // [s]: what a tuft swings by over 
 constexpr double kSwingMemory = 0.1;         // [s]: how long it swings
 constexpr double kRise = 0.004;              // [s]: time constant of the end of the way up
 constexpr double kRiseAcceleration = 100.0;  // [m/s²]: the ink of a wet tuft holds it together at it
+constexpr double kBraking = 90.0;            // [m/s²]: the place to stop at comes towards it
 constexpr double kFallAcceleration = 5.0;    // [m/s²]: by it a tuft hangs back 0.5 mm
 constexpr double kFallStep = 1e-3;           // [s]
 constexpr double kLongestFall = 1.0;         // [s]
@@ -122,8 +123,8 @@ double PenMapping::levelAfter(double seconds, double target) {
   if (!has_posed_) return target;
   for (int k = 0; k < count; ++k) {
     // As fast as it can brake, at last with the time constant.
-    const double way = level - target, slow = kRiseAcceleration * kRise * kRise;
-    const double most = way < slow ? way / kRise : std::sqrt(kRiseAcceleration * (2.0 * way - slow));
+    const double way = level - target, slow = kBraking * kRise * kRise;
+    const double most = way < slow ? way / kRise : std::sqrt(kBraking * (2.0 * way - slow));
     rise_ = std::min(rise_ + kRiseAcceleration * time / count, most);
     level -= rise_ * time / count;
   }

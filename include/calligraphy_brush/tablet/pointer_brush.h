@@ -42,9 +42,15 @@ struct PointerMotionParameters {
 };
 
 /// From a mouse on a sheet to a brush. Unlike a pen's, the grip leans: a mouse is pressed before it
-/// moves, and a tuft pressed straight down splays to all sides.
+/// moves, and a tuft pressed straight down splays to all sides. Nor does it press so deep: its full
+/// pressure is asked for, not reached now and then.
 struct PointerBrushParameters {
-  PointerBrushParameters() { grip.tilt = 0.4; }
+  PointerBrushParameters() {
+    grip.tilt = 0.4;
+    pressure.full_depth = 0.3;
+    pressure.press_speed = 0.06;
+    pressure.lift = 1.5;
+  }
 
   PointerMotionParameters motion;
   TabletPressureParameters pressure;

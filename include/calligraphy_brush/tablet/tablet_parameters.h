@@ -59,12 +59,12 @@ struct TabletAreaParameters {
 struct TabletPressureParameters {
   double threshold = 0.01;
   double gamma = 1.0;
-  double full_depth = 0.3;
+  double full_depth = 0.42;
   double touch = 0.06;
-  double press_speed = 0.06;
+  double press_speed = 0.07;
   double settle = 0.025;
   double clearance = 0.005;
-  double lift = 1.5;
+  double lift = 1.1;
   double hover_height = 0.015;
   double contact_distance = 0.25;
 
