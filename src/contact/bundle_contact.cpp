@@ -208,7 +208,7 @@ void findSections(BundleContact<Real>& contact) {
     for (std::size_t level = 0; level < contact.levels.size(); ++level)
       for (std::size_t lane = 0; lane < kLanes; ++lane) {
         BundleSection<Real>& section = batch.sections[level];
-        const double spacing = double(batch.places.place[kLanes + lane]);
+        const double spacing = double(batch.places.spacing(lane));
         const double at = contact.levels[level] / spacing, node = std::min<double>(at, last);
         const double before = std::ceil(node) - 1.0;
         const bool is_there = batch.rod[lane] >= 0 && at < last + kEndsBefore;
@@ -264,8 +264,8 @@ bool makeStretch(const BundleContact<Real>& contact, int a, const BundlePair& pa
   int one = a, two = pair.b;
   if (swaps) std::swap(one, two);
   const auto spacingOf = [&](int rod) {
-    return float(contact.batches[static_cast<std::size_t>(rod / kLanes)]
-                     .places.place[static_cast<std::size_t>(kLanes + rod % kLanes)]);
+    return float(contact.batches[static_cast<std::size_t>(rod / kLanes)].places.spacing(
+        static_cast<std::size_t>(rod % kLanes)));
   };
   const float spacing = spacingOf(one), stride = static_cast<float>(contact.stride);
   const int last_node = contact.levels[static_cast<std::size_t>(level)];
@@ -277,10 +277,10 @@ bool makeStretch(const BundleContact<Real>& contact, int a, const BundlePair& pa
               to = levelOf(static_cast<float>(last_node));
   const int top = static_cast<int>(contact.levels.size()) - 1;
   const int lowest = static_cast<int>(from), highest = std::min(top, static_cast<int>(std::ceil(to)));
-  std::uint32_t seen = 0;
-  for (int at = lowest; at <= highest; ++at) seen |= 1u << at;
-  if ((pair.near & seen) == 0) return false;
-  acts = (pair.acts & seen) != 0;
+  std::uint32_t around = 0;
+  for (int at = lowest; at <= highest; ++at) around |= 1u << at;
+  if ((pair.near & around) == 0) return false;
+  acts = (pair.acts & around) != 0;
   const auto at = [&](float where, const auto& value) {
     const auto below = static_cast<int>(where);
     const float low = value(below), high = value(std::min(top, below + 1));

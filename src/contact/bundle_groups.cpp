@@ -55,10 +55,7 @@ int findGroups(const BundleContact<Real>& contact, int first_node,
       const BundleBatch<Real>&ours = contact.batches[slot / kLanes],
             &others = contact.batches[static_cast<std::size_t>(pair.b) / kLanes];
       const int rod_a = ours.rod[lane], rod_b = others.rod[other];
-      const auto spacingOf = [](const BundleBatch<Real>& batch, std::size_t of) {
-        return double(batch.places.place[kLanes + of]);
-      };
-      const double spacing = spacingOf(ours, lane);
+      const double spacing = double(ours.places.spacing(lane));
       const auto at = [&](int level) {
         return contact.levels[static_cast<std::size_t>(level)] / spacing;
       };

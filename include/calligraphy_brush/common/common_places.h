@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <vector>
 
 #include "calligraphy_brush/common/aligned.h"
@@ -14,6 +15,9 @@ struct CommonPlaces {
   AlignedVector<Real> place;  ///< x of a node, [node][lane]
   AlignedVector<Real> joint;  ///< stiffness of the joints between places over that of the rod's, [lane]
   std::vector<int> first, last;  ///< places that the nodes of all lanes have to do with, [node]
+
+  /// Places from a node of the rod in a lane to the next.
+  Real spacing(std::size_t lane) const { return place[kLanes + lane]; }
 };
 
 /// Part of the shift of a place that a node has, in the lanes from `lane` on.

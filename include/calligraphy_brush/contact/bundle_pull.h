@@ -205,8 +205,8 @@ class BundlePull {
       };
       pack.record_one[lane] = record(tie.a, one, first);
       pack.record_two[lane] = record(tie.b, two, first_two);
-      pack.spacing_one[lane] = a.places.place[index(kLanes + one)];
-      pack.spacing_two[lane] = b.places.place[index(kLanes + two)];
+      pack.spacing_one[lane] = a.places.spacing(index(one));
+      pack.spacing_two[lane] = b.places.spacing(index(two));
       pack.place_one[lane] = static_cast<Real>(first) * pack.spacing_one[lane];
       pack.place_two[lane] = static_cast<Real>(first_two) * pack.spacing_two[lane];
     }

@@ -363,7 +363,7 @@ class BundleSearch {
           if (mine.node[index(one)] < 0 || others.node[index(two)] < 0) continue;
           if (a == b && turn == kLanes / 2 && one > two) continue;  // seen from the other side
           const Real shift = others.place[index(two)] - mine.place[index(one)] -
-                             alongs[k] * own.places.place[index(kLanes + one)];
+                             alongs[k] * own.places.spacing(index(one));
           contact.hits.push_back({a * kLanes + one, b * kLanes + two, level, xs[k], ys[k], zs[k],
                                   gaps[k], shift, withins[k]});
         }
