@@ -6,6 +6,7 @@
 #include <cmath>
 #include <filesystem>
 #include <string>
+#include <vector>
 
 #include "calligraphy_brush/files/atomic_file.h"
 #include "calligraphy_brush/files/png.h"
@@ -213,17 +214,21 @@ TEST(Presets, AllLoadAndAreInRange) {
   }
 }
 
-TEST(Presets, MediumIsTheBrushOfTheDefaults) {
+TEST(Presets, MediumHasTheSizeOfTheDefaults) {
   SimulatorParameters parameters;
   loadYamlParameters(kSource + "/config/brushes/medium.yaml", parameters);
   loadYamlParameters(kSource + "/config/papers/plain.yaml", parameters);
-  // The defaults are rods by themselves; a brush is hair that touches, of a thickness that suits it.
+  // The defaults are rods by themselves; a brush is hair that touches, of a shape that suits it.
   EXPECT_TRUE(parameters.contact.bundles);
-  parameters.contact.bundles = SimulatorParameters().contact.bundles;
-  parameters.brush.hair_taper = SimulatorParameters().brush.hair_taper;
+  const std::vector<std::string> of_hair = {
+      "brush/hair_count",  "brush/hair_radius", "brush/hair_taper",
+      "brush/cone",        "brush/point",       "brush/point_hairs",
+      "brush/convergence", "contact/bundles",   "contact/cohesion_range"};
   const auto defaults = listParameters(SimulatorParameters()), loaded = listParameters(parameters);
   for (std::size_t k = 0; k < defaults.size(); ++k)
-    EXPECT_EQ(loaded[k].value, defaults[k].value) << defaults[k].name;
+    if (std::find(of_hair.begin(), of_hair.end(), defaults[k].name) == of_hair.end()) {
+      EXPECT_EQ(loaded[k].value, defaults[k].value) << defaults[k].name;
+    }
 }
 
 TEST(Presets, AreFoundByNameFromTheProgram) {

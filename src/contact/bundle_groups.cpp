@@ -17,19 +17,17 @@ double distanceToSegment(const Eigen::Vector3d& x, const Eigen::Vector3d& root,
   return (x - root - t * along).norm();
 }
 
-/// Of straight rods at rest, across the first at a part of its length, at as much of both.
+/// Of straight rods at rest, at a part of the first one's length.
 template <class Real>
-double distanceAtRest(const BundleBatch<Real>& a, std::size_t lane_a, const BundleBatch<Real>& b,
-                      std::size_t lane_b, double part) {
+double restingDistance(const BundleBatch<Real>& a, std::size_t lane_a, const BundleBatch<Real>& b,
+                       std::size_t lane_b, double part) {
   const auto vectorOf = [](const AlignedVector<Real>& field, std::size_t lane) {
-    return Eigen::Vector3d(double(field[lane]), double(field[kLanes + lane]),
-                           double(field[2 * kLanes + lane]));
+    return Vec3<double>{double(field[lane]), double(field[kLanes + lane]),
+                        double(field[2 * kLanes + lane])};
   };
-  const Eigen::Vector3d along = vectorOf(a.along, lane_a);
   const double ratio = double(a.length[lane_a]) / double(b.length[lane_b]);
-  const Eigen::Vector3d d = vectorOf(b.rest, lane_b) - vectorOf(a.rest, lane_a) +
-                            part * (ratio * vectorOf(b.along, lane_b) - along);
-  return (d - d.dot(along) / along.squaredNorm() * along).norm();
+  return distanceAtRest<double>(vectorOf(b.rest, lane_b) - vectorOf(a.rest, lane_a),
+                                vectorOf(a.along, lane_a), ratio * vectorOf(b.along, lane_b), part);
 }
 
 }  // namespace
@@ -78,7 +76,7 @@ int findGroups(const BundleContact<Real>& contact, int first_node,
         const double distance =
             std::min(double(ours.radius[row + lane] +
                             others.radius[static_cast<std::size_t>(nearest * kLanes) + other]),
-                     distanceAtRest(ours, lane, others, other, static_cast<double>(node) / (n - 1)));
+                     restingDistance(ours, lane, others, other, static_cast<double>(node) / (n - 1)));
         // What is dry hangs together where it touches.
         const double range = double(ours.bridge[row + lane] +
                                     others.bridge[static_cast<std::size_t>(nearest * kLanes) + other]);

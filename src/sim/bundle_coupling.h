@@ -65,6 +65,17 @@ class BundleCoupling {
     return bundles_.empty() ? nullptr : &bundles_.batches[static_cast<std::size_t>(batch)];
   }
 
+  /// Of which rods feel each other and how far liquid bridges them; see Tuft::hash.
+  std::uint64_t hash(std::uint64_t seed) const {
+    for (const std::vector<BundlePair>& of_rod : bundles_.pairs)
+      for (const BundlePair& pair : of_rod) {
+        seed = hashBytes(&pair.b, sizeof pair.b, seed);
+        seed = hashBytes(pair.open.data(), sizeof pair.open, seed);
+        seed = hashBytes(pair.shift.data(), sizeof pair.shift, seed);
+      }
+    return hashBytes(&since_search_, sizeof since_search_, seed);
+  }
+
   /// As if nothing had ever touched.
   void forget() {
     forgetPairs(bundles_);

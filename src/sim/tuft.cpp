@@ -263,6 +263,7 @@ class TuftOf : public Tuft {
     for (const Batch& batch : batches_)
       for (const auto* field : {&batch.hair.wet, &batch.hair.strain})
         seed = hashBytes(field->data(), field->size() * sizeof(Real), seed);
+    if (coupling_) seed = coupling_->hash(seed);
     const int phase = steps_ % memory_steps_;
     return remembers() ? hashBytes(&phase, sizeof phase, seed) : seed;
   }

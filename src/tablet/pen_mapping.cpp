@@ -111,24 +111,30 @@ double PenMapping::levelAfter(double seconds, double target) {
   // In short steps, so that it does not depend on the rate of the reports.
   const double time = std::min(seconds, kLongestFall);
   const int count = std::max(1, static_cast<int>(std::ceil(time / kFallStep)));
+  const double step = time / count;
   double level = posture_.level;
-  if (level < target) rise_ = 0.0;
+  if (level < target) speed_ = std::max(speed_, 0.0);
   for (int k = 0; k < count && level < target; ++k) {
     const double into = p.press_speed + std::max(0.0, -level) / p.settle;
-    fall_ = std::min({fall_ + kFallAcceleration * time / count, into, (target - level) / p.settle});
-    level += fall_ * time / count;
+    speed_ = std::min({speed_ + kFallAcceleration * step, into, (target - level) / p.settle});
+    level += speed_ * step;
   }
   if (level < target) return level;
-  fall_ = 0.0;
+  speed_ = std::min(speed_, 0.0);
   if (!has_posed_) return target;
   for (int k = 0; k < count; ++k) {
     // As fast as it can brake, at last with the time constant.
     const double way = level - target, slow = kBraking * kRise * kRise;
     const double most = way < slow ? way / kRise : std::sqrt(kBraking * (2.0 * way - slow));
-    rise_ = std::min(rise_ + kRiseAcceleration * time / count, most);
-    level -= rise_ * time / count;
+    speed_ = std::max(speed_ - kRiseAcceleration * step, -most);
+    level += speed_ * step;
   }
   return level;
+}
+
+/// How deep the tuft was bent in the last touch, as far as it has not forgotten it [m].
+double PenMapping::bendAt(std::int64_t stamp_ns) const {
+  return bend_ * std::exp(-std::max(0.0, 1e-9 * static_cast<double>(stamp_ns - touch_ns_)) / kBend);
 }
 
 Vector3d PenMapping::wantedShaft(const PenSample& sample) const {
@@ -149,20 +155,20 @@ double PenMapping::wantedTwist(const PenSample& sample) const {
 
 double PenMapping::wantedLevel(const PenSample& sample, const Vector2d& place, std::int64_t stamp_ns) {
   const bool is_pen = sample.tool == PenTool::kPen;
-  const double since = 1e-9 * static_cast<double>(stamp_ns - touch_ns_);
   const double interval = 1e-9 * static_cast<double>(std::max(kLeastInterval_ns, stamp_ns - stamp_ns_));
   const double swing = has_posed_ ? kSwing * (place - posture_.place).norm() / interval : 0.0;
   swing_ += -std::expm1(-interval / (swing > swing_ ? kSwing : kSwingMemory)) * (swing - swing_);
   double& contact = contact_[is_pen ? 0 : 1];
   if (!sample.touching) {
     // 0 at once, 1 after kLift, and gone after some of it.
+    const double since = 1e-9 * static_cast<double>(stamp_ns - touch_ns_);
     const double x = std::clamp(since / kLift, 0.0, 50.0);
     return hoverLevel(sample.distance.value_or(0.0), contact) -
            parameters_.pressure.lift * (swing_ + bend_ * x * std::exp(1.0 - x));
   }
   if (sample.distance) contact = *sample.distance;
   if (!is_pen || is_away_) return pressedLevel(0.0);
-  bend_ = std::max(bend_ * std::exp(-std::max(0.0, since) / kBend), std::max(0.0, posture_.level));
+  bend_ = std::max(bendAt(stamp_ns), std::max(0.0, posture_.level));
   touch_ns_ = stamp_ns;
   return pressedLevel(sample.pressure);
 }
@@ -308,9 +314,9 @@ PenActions PenMapping::leave(std::int64_t stamp_ns) {
   const std::int64_t leaving_ns = nextStamp(stamp_ns);
   hold(leaving_ns, 0.0, actions);
   // Where it stays, so that its tuft comes to rest in the air.
-  const double since = 1e-9 * static_cast<double>(std::max(std::int64_t{0}, leaving_ns - touch_ns_));
-  const double bend = parameters_.pressure.lift * bend_ * std::exp(-since / kBend);
-  const double target = std::min(posture_.level, -parameters_.pressure.clearance - bend);
+  const double target =
+      std::min(posture_.level,
+               -parameters_.pressure.clearance - parameters_.pressure.lift * bendAt(leaving_ns));
   for (std::int64_t next_ns = leaving_ns; !is_away_; next_ns += kLeavingStep_ns) {
     const double level = levelAfter(1e-9 * static_cast<double>(next_ns - stamp_ns_), target);
     is_away_ = level - target <= kThere;

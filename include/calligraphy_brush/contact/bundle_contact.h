@@ -34,6 +34,16 @@ double cohesionEnergy(double saturation);
 /// k: stiffness [N/m²], w: energy of cohesion [J/m].
 double pairEnergy(double gap, double distance, double stiffness, double cohesion, double range);
 
+/// Distance of the axes of two straight rods at rest, across the first, at equal lengths along both [m].
+/// root: from the first one's to the second one's; along: of the first, from root to end; other: of the
+/// second, as long as the first; part: of that length.
+template <class V>
+CALLIGRAPHY_INLINE V distanceAtRest(const Vec3<V>& root, const Vec3<V>& along, const Vec3<V>& other,
+                                    V part) {
+  const Vec3<V> between = root + part * (other - along);
+  return sqrt(squaredNorm(between - (dot(between, along) / squaredNorm(along)) * along));
+}
+
 /// Stretches of rods of a batch along which they face rods of a batch, kLanes of them: each the nodes
 /// after one level of the search up to the next.
 ///

@@ -263,15 +263,12 @@ class BundlePull {
                     pick<V>(field.data() + 2 * kLanes, at)};
     };
     const V zero{}, tiny = real(1e-6), weight = load<V>(weights);
-    // Between the straight rods at rest, across the first, at equal lengths along both.
     const V length = pick<V>(a.length.data(), one);
-    const Vector along = vectorOf(a.along, one);
-    const V ratio = length / pick<V>(b.length.data(), two);
-    Vector rest = vectorOf(b.rest, two) - vectorOf(a.rest, one) +
-                  load<V>(parts) * (ratio * vectorOf(b.along, two) - along);
-    rest = rest - (dot(rest, along) / squaredNorm(along)) * along;
+    const V at_rest = distanceAtRest<V>(
+        vectorOf(b.rest, two) - vectorOf(a.rest, one), vectorOf(a.along, one),
+        (length / pick<V>(b.length.data(), two)) * vectorOf(b.along, two), load<V>(parts));
     const V radii = of_one(a.radius) + of_two(b.radius);
-    const V distance = max(tiny, min(radii, sqrt(squaredNorm(rest))));
+    const V distance = max(tiny, min(radii, at_rest));
     const V hold = min(of_one(a.hold), of_two(b.hold));
     const V stiff = max(real(contact.stiffness) * select(weight > zero, hold, zero),
                         real(contact.modulus) * weight * length);

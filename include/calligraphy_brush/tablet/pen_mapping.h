@@ -109,6 +109,7 @@ class PenMapping {
   double wantedTwist(const PenSample& sample) const;
   double wantedLevel(const PenSample& sample, const Eigen::Vector2d& place, std::int64_t stamp_ns);
   double levelAfter(double seconds, double target);
+  double bendAt(std::int64_t stamp_ns) const;
   std::int64_t nextStamp(std::int64_t stamp_ns);
   std::int64_t afterWay(std::int64_t stamp_ns, const Posture& wanted) const;
   HandlePose poseOf(const Posture& posture, std::int64_t stamp_ns) const;
@@ -132,8 +133,7 @@ class PenMapping {
   std::array<double, 2> contact_{};  // of pen and eraser
   std::array<bool, 3> buttons_{};    // stylus, stylus2, stylus3
   bool eraser_touched_ = false;
-  double fall_ = 0.0;          // speed at which the brush goes down [m/s]
-  double rise_ = 0.0;          // and up
+  double speed_ = 0.0;         // at which the brush goes down [m/s]
   double swing_ = 0.0;         // height for the swing of a tuft that is carried fast [m]
   double bend_ = 0.0;          // depth of the last touch, fading from report to report [m]
   std::int64_t touch_ns_ = 0;  // when it was
