@@ -221,9 +221,8 @@ TEST(Presets, MediumHasTheSizeOfTheDefaults) {
   // The defaults are rods by themselves; a brush is hair that touches, of a shape that suits it.
   EXPECT_TRUE(parameters.contact.bundles);
   const std::vector<std::string> of_hair = {
-      "brush/hair_count",  "brush/hair_radius", "brush/hair_taper",
-      "brush/cone",        "brush/point",       "brush/point_hairs",
-      "brush/convergence", "contact/bundles",   "contact/cohesion_range"};
+      "brush/hair_count", "brush/hair_radius", "brush/hair_taper",  "brush/cone",
+      "brush/point",      "brush/point_hairs", "brush/convergence", "contact/bundles"};
   const auto defaults = listParameters(SimulatorParameters()), loaded = listParameters(parameters);
   for (std::size_t k = 0; k < defaults.size(); ++k)
     if (std::find(of_hair.begin(), of_hair.end(), defaults[k].name) == of_hair.end()) {

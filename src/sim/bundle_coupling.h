@@ -73,7 +73,7 @@ class BundleCoupling {
         seed = hashBytes(pair.open.data(), sizeof pair.open, seed);
         seed = hashBytes(pair.shift.data(), sizeof pair.shift, seed);
       }
-    return hashBytes(&since_search_, sizeof since_search_, seed);
+    return seed;
   }
 
   /// As if nothing had ever touched.

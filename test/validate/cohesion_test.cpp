@@ -133,15 +133,21 @@ TEST(CohesionRow, SizesHangOnTheLengthOverTheDryLengthAlone) {
 }
 
 TEST(TipShape, WetClosesBelowAThirdAndDryStaysAtRest) {
-  TipShapeParameters p;
-  p.brush = std::string(CALLIGRAPHY_BRUSH_SOURCE_DIR) + "/config/brushes/pointed.yaml";
-  const TipShapeResult wet = tipShape(p);
-  EXPECT_EQ(wet.groups, 1);
-  EXPECT_LT(wet.end_diameter, wet.rest_diameter / 3.0);
-  p.ink = 0.0;
-  const TipShapeResult dry = tipShape(p);
-  EXPECT_EQ(dry.groups, 128);
-  EXPECT_NEAR(dry.end_diameter / dry.rest_diameter, 1.0, 0.05);
+  for (const char* brush : {"pointed", "small", "medium", "large"}) {
+    SCOPED_TRACE(brush);
+    TipShapeParameters p;
+    p.brush = std::string(CALLIGRAPHY_BRUSH_SOURCE_DIR) + "/config/brushes/" + brush + ".yaml";
+    for (const double ink : {0.25, 1.0}) {
+      p.ink = ink;
+      const TipShapeResult wet = tipShape(p);
+      EXPECT_EQ(wet.groups, 1) << ink;
+      EXPECT_LT(wet.end_diameter, wet.rest_diameter / 3.0) << ink;
+    }
+    p.ink = 0.0;
+    const TipShapeResult dry = tipShape(p);
+    EXPECT_GT(dry.groups, 50);
+    EXPECT_NEAR(dry.end_diameter / dry.rest_diameter, 1.0, 0.05);
+  }
 }
 
 TEST(TipShape, HangsTogetherTheMoreTheMoreInkThereIsAndCloses) {
