@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "calligraphy_brush/files/yaml_parameters.h"
 #include "calligraphy_brush/sim/rod_step.h"
 #include "calligraphy_brush/sim/simulator.h"
 #include "calligraphy_brush/sim/tuft.h"
@@ -335,14 +336,15 @@ void timeWetSheet(benchmark::State& state, double diffusivity) {
 /// thick as there whatever their number: with more of them the tuft is wider.
 void timeCoupled(benchmark::State& state, int rod_count, double ink, const RodParameters& rods) {
   Scene scene = standardStroke(rod_count, 16);
-  BrushParameters brush;
+  SimulatorParameters medium;
+  loadYamlParameters(findPreset("brushes", "medium"), medium);
+  BrushParameters brush = medium.brush;
   const double more = static_cast<double>(rod_count) / brush.rod_count;
   brush.rod_count = rod_count;
   brush.hair_count = static_cast<int>(brush.hair_count * more);
   brush.root_diameter *= std::sqrt(more);
-  brush.hair_taper = 0.85;
   scene.brush = makeBrush(brush);
-  scene.contact.bundles = true;
+  scene.contact = medium.contact;
   const auto tuft = makeTuft(scene.brush, rods, scene.contact);
   tuft->setInk(std::vector<double>(scene.brush.rods.size() * 16, ink));
   const int steps = static_cast<int>(scene.duration / rods.time_step);
