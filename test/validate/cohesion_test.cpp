@@ -3,7 +3,11 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
 #include <numeric>
+#include <string>
 
 #include "reference_table.h"
 #include "tip.h"
@@ -165,6 +169,22 @@ TEST(TipShape, HangsTogetherTheMoreTheMoreInkThereIsAndCloses) {
     groups = result.groups;
   }
   EXPECT_EQ(groups, 1);
+}
+
+TEST(TipShape, IsDrawnRodByRod) {
+  TipShapeParameters p;
+  p.rods = 8;
+  p.depth = 0.01;
+  p.duration = 0.05;
+  p.picture = testing::TempDir() + "tip_shape.svg";
+  tipShape(p);
+  std::ifstream file(p.picture);
+  const std::string svg{std::istreambuf_iterator<char>(file), {}};
+  std::filesystem::remove(p.picture);
+  EXPECT_NE(svg.find("\"rod_7\""), std::string::npos);
+  EXPECT_EQ(svg.find("\"rod_8\""), std::string::npos);
+  EXPECT_NE(svg.find("\"sheet\""), std::string::npos);
+  EXPECT_EQ(svg.find("nan"), std::string::npos);
 }
 
 TEST(TipShape, PressedDryPartsAndTheWetterTheLess) {

@@ -1,8 +1,11 @@
 #include "tip.h"
 
 #include <algorithm>
+#include <cmath>
 #include <functional>
+#include <utility>
 
+#include "calligraphy_brush/files/svg.h"
 #include "calligraphy_brush/files/yaml_parameters.h"
 #include "calligraphy_brush/sim/simulator_parameters.h"
 #include "single_rod.h"
@@ -46,6 +49,45 @@ double endDiameter(const BrushModel& brush, const Shape& shape, bool of_each) {
     }
   }
   return count > 0 ? 2.0 * std::sqrt(2.0 * squares / count) : 0.0;
+}
+
+/// The tip as seen along x, its rods drawn thinner than they are, and the sheet where the tip lies on
+/// it; in millimetres.
+void drawTip(const std::string& path, const BrushModel& brush, const Shape& shape, bool on_sheet) {
+  constexpr double kThin = 0.3;
+  double top = 0.0, bottom = on_sheet ? 0.0 : 1e9, half = 0.0;
+  for (const auto& nodes : shape)
+    for (const Eigen::Vector3d& node : nodes) {
+      top = std::max(top, node.z());
+      bottom = std::min(bottom, node.z());
+      half = std::max(half, std::abs(node.y()));
+    }
+  const double margin = 1e-3, width = 2.0 * (half + margin), height = top - bottom + 2.0 * margin;
+  const auto at = [&](double y, double z) {
+    return OutlinePoint{1e3 * (y + 0.5 * width), 1e3 * (top + margin - z)};
+  };
+  std::vector<std::pair<std::string, std::vector<Outline>>> shapes;
+  for (std::size_t rod = 0; rod < shape.size(); ++rod) {
+    const auto& nodes = shape[rod];
+    // Down along one side of it and up along the other.
+    Outline outline;
+    for (const double side : {1.0, -1.0})
+      for (std::size_t k = 0; k < nodes.size(); ++k) {
+        const std::size_t node = side > 0.0 ? k : nodes.size() - 1 - k;
+        const Eigen::Vector3d along =
+            nodes[std::min(node + 1, nodes.size() - 1)] - nodes[node > 0 ? node - 1 : 0];
+        const double size = std::hypot(along.y(), along.z());
+        const double off = size > 0.0 ? side * kThin * brush.rods[rod].node_radius[node] / size : 0.0;
+        outline.push_back(at(nodes[node].y() - off * along.z(), nodes[node].z() + off * along.y()));
+      }
+    shapes.emplace_back("rod_" + std::to_string(rod), std::vector<Outline>{outline});
+  }
+  if (on_sheet)
+    shapes.emplace_back(
+        "sheet", std::vector<Outline>{{at(-0.5 * width, 0), at(0.5 * width, 0), at(0.5 * width, -1e-4),
+                                       at(-0.5 * width, -1e-4)}});
+  const auto whole = [](double metres) { return static_cast<int>(std::ceil(1e3 * metres)); };
+  writeSvg(path, whole(width), whole(height), 1.0, shapes);
 }
 
 }  // namespace
@@ -99,6 +141,7 @@ TipShapeResult tipShape(const TipShapeParameters& p) {
   const Shape last = shape();
   result.end_diameter = endDiameter(brush, last, false);
   result.ends_diameter = endDiameter(brush, last, true);
+  if (!p.picture.empty()) drawTip(p.picture, brush, last, p.depth > 0.0);
   std::vector<int> label(brush.rods.size());
   result.groups = tuft->groups(0.25, label);
   result.group_sizes.assign(static_cast<std::size_t>(result.groups), 0);

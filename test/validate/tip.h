@@ -18,6 +18,7 @@ struct TipShapeParameters : DynamicParameters {
   double ink = 1.0;
   double depth = 0.0;
   std::string brush = "pointed";
+  std::string picture;
   int rods = 0;
   double duration = 0.6;
   double drag = 0.01;
@@ -30,6 +31,8 @@ struct TipShapeParameters : DynamicParameters {
     visit("depth", self.depth, Range{0.0, 0.2}, "m",
           "How far the handle is below where the upright brush at rest touches; 0: in the air.");
     visit("brush", self.brush, Choices{}, "1", "Preset in config/brushes, or a YAML file.");
+    visit("picture", self.picture, Choices{}, "1",
+          "SVG file to draw the tip into, seen along the way that it is dragged; none: nothing.");
     visit("rods", self.rods, Range{0, 4096}, "1", "Bundles of the tuft; 0: as the brush says.");
     visit("duration", self.duration, Range{1e-2, 100.0}, "s",
           "Of each part: closing in the air, pressing, dragging, settling.");
