@@ -230,6 +230,17 @@ TEST(Presets, MediumHasTheSizeOfTheDefaults) {
     }
 }
 
+TEST(Presets, DryIsTheMediumBrushButForItsInk) {
+  SimulatorParameters medium, dry;
+  loadYamlParameters(kSource + "/config/brushes/medium.yaml", medium);
+  loadYamlParameters(kSource + "/config/brushes/dry.yaml", dry);
+  EXPECT_LT(dry.ink.load, medium.ink.load);
+  dry.ink.load = medium.ink.load;
+  const auto wanted = listParameters(medium), loaded = listParameters(dry);
+  for (std::size_t k = 0; k < wanted.size(); ++k)
+    EXPECT_EQ(loaded[k].value, wanted[k].value) << wanted[k].name;
+}
+
 TEST(Presets, AreFoundByNameFromTheProgram) {
   unsetenv("CALLIGRAPHY_BRUSH_CONFIG");
   EXPECT_TRUE(fs::equivalent(findPreset("brushes", "medium"), kSource + "/config/brushes/medium.yaml"));

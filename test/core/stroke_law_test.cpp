@@ -21,7 +21,7 @@ SimulatorParameters scene() {
   return p;
 }
 
-/// The same by rods that touch, as thick at the end as those of the medium brush.
+/// The same by rods that touch, of hair that tapers as little as that of the medium brush.
 SimulatorParameters touchingScene() {
   SimulatorParameters p = scene();
   p.brush.hair_taper = 0.85;
